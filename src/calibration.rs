@@ -1,0 +1,126 @@
+//! The offset between an object's virtual keypoints and the frame its user cares about (paper, section 3.4).
+//!
+//! The keypoints' frame was drawn at random before training, so a pose solved from them says nothing of the object's
+//! frame until the constant `object_from_keypoints` is measured on a reference image with a known pose.
+
+use nalgebra::{Matrix3, Matrix6};
+
+use crate::geometry::{Covariance6, Pose, skew};
+
+/// `object_from_keypoints` with its covariance along the axes of the frame `object`.
+#[derive(Clone, Debug)]
+pub struct Offset {
+    pub object_from_keypoints: Pose,
+    pub covariance: Covariance6,
+}
+
+impl Offset {
+    /// Measures the offset on one image: what the network and PnP say against the known pose, which is taken as exact.
+    #[must_use]
+    pub fn measure(camera_from_object: &Pose, camera_from_keypoints: &Pose, covariance: &Covariance6) -> Self {
+        let object_from_camera = camera_from_object.inverse();
+        // A step along the camera's axes, turned into the object's axes.
+        let turn = block_diagonal(object_from_camera.rotation().matrix());
+        Self {
+            object_from_keypoints: object_from_camera * *camera_from_keypoints,
+            covariance: turn * covariance * turn.transpose(),
+        }
+    }
+
+    /// `camera_from_object` and its covariance, from a solved pose of the keypoints. The errors of both add up.
+    #[must_use]
+    pub fn apply(&self, camera_from_keypoints: &Pose, covariance: &Covariance6) -> (Pose, Covariance6) {
+        let camera_from_object = *camera_from_keypoints * self.object_from_keypoints.inverse();
+        let lever = camera_from_object.translation() - camera_from_keypoints.translation();
+        let by_pose = {
+            let mut jacobian = Matrix6::identity();
+            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&lever));
+            jacobian
+        };
+        let by_offset = {
+            let rotation = camera_from_object.rotation().matrix();
+            let mut jacobian = -block_diagonal(rotation);
+            // The keypoints' origin stays where it was measured; the object's origin swings about it.
+            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&(skew(&lever) * rotation));
+            jacobian
+        };
+        let total =
+            by_pose * covariance * by_pose.transpose() + by_offset * self.covariance * by_offset.transpose();
+        (camera_from_object, total)
+    }
+}
+
+fn block_diagonal(rotation: &Matrix3<f64>) -> Matrix6<f64> {
+    let mut matrix = Matrix6::zeros();
+    matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
+    matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation);
+    matrix
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3, Vector6};
+    use proptest::prelude::*;
+
+    fn any_pose() -> impl Strategy<Value = Pose> {
+        (prop::array::uniform3(-3.0..3.0f64), prop::array::uniform3(-0.5..0.5f64))
+            .prop_map(|(r, t)| Pose::new(Rotation3::new(Vector3::from(r)), Vector3::from(t)))
+    }
+
+    /// The step along the parent's axes that leads from one pose to another close by.
+    fn step(from: &Pose, to: &Pose) -> Vector6<f64> {
+        let translation = to.translation() - from.translation();
+        let rotation = (to.rotation() * from.rotation().inverse()).scaled_axis();
+        Vector6::from_iterator(translation.iter().chain(rotation.iter()).copied())
+    }
+
+    fn perturbed(pose: &Pose, axis: usize, size: f64) -> Pose {
+        let mut step = Vector6::zeros();
+        step[axis] = size;
+        pose.perturbed(&step.fixed_rows::<3>(0).into(), &step.fixed_rows::<3>(3).into())
+    }
+
+    const SMALL: f64 = 1e-6;
+
+    /// Propagates by differences what `function` does to a covariance.
+    fn numeric(function: impl Fn(&Pose) -> Pose, at: &Pose, covariance: &Covariance6) -> Covariance6 {
+        let centre = function(at);
+        let mut jacobian = Matrix6::zeros();
+        for axis in 0..6 {
+            jacobian.set_column(axis, &(step(&centre, &function(&perturbed(at, axis, SMALL))) / SMALL));
+        }
+        jacobian * covariance * jacobian.transpose()
+    }
+
+    fn some_covariance() -> Covariance6 {
+        let root = Matrix6::from_fn(|r, c| ((r * 7 + c * 3) % 5) as f64 * 0.1 + f64::from(u8::from(r == c)));
+        root * root.transpose()
+    }
+
+    proptest! {
+        #[test]
+        fn the_offset_gives_back_the_reference_pose(object in any_pose(), keypoints in any_pose()) {
+            let offset = Offset::measure(&object, &keypoints, &some_covariance());
+            let (pose, _) = offset.apply(&keypoints, &some_covariance());
+            prop_assert!((pose.matrix() - object.matrix()).norm() < 1e-9);
+        }
+
+        #[test]
+        fn covariance_of_a_measured_offset(object in any_pose(), keypoints in any_pose()) {
+            let offset = Offset::measure(&object, &keypoints, &some_covariance());
+            let expected = numeric(|k| object.inverse() * *k, &keypoints, &some_covariance());
+            prop_assert!((offset.covariance - expected).amax() < 1e-3);
+        }
+
+        #[test]
+        fn covariance_of_an_answer(offset in any_pose(), keypoints in any_pose()) {
+            let of_offset = some_covariance() * 0.5;
+            let calibrated = Offset { object_from_keypoints: offset, covariance: of_offset };
+            let (_, covariance) = calibrated.apply(&keypoints, &some_covariance());
+            let expected = numeric(|k| *k * offset.inverse(), &keypoints, &some_covariance())
+                + numeric(|o| keypoints * o.inverse(), &offset, &of_offset);
+            prop_assert!((covariance - expected).amax() < 1e-3, "{covariance} {expected}");
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! Rigid transforms, cameras and image affines. Pure `f64` geometry without I/O.
+//!
+//! Conventions of the whole crate, stated here once:
+//!
+//! - A transform is named `a_from_b`: `x_a = a_from_b * x_b`.
+//! - Frame `camera` is OpenCV's optical frame (x right, y down, z forward); `object` is the frame the user cares
+//!   about; `keypoints` is the frame in which an object's virtual keypoints were drawn.
+//! - Metres, radians and seconds. Pixel centres lie at integer coordinates.
+//! - 6x6 covariances are row-major in the order x, y, z, rotation about x, y, z, as in ROS
+//!   `geometry_msgs/PoseWithCovariance`: translation and a small rotation about the fixed axes of the parent frame.
+
+mod affine;
+mod camera;
+mod pose;
+
+pub use affine::AxisAlignedAffine;
+pub use camera::{Camera, CameraError};
+pub use pose::{Covariance6, Pose, PoseError, skew};

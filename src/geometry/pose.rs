@@ -1,0 +1,218 @@
+use nalgebra::{Matrix3, Matrix4, Matrix6, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use thiserror::Error;
+
+/// Covariance of a pose: translation (m²) before rotation (rad²), both along the axes of the parent frame.
+pub type Covariance6 = Matrix6<f64>;
+
+/// A rigid transform `a_from_b`, an element of SE(3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    rotation: Rotation3<f64>,
+    translation: Vector3<f64>,
+}
+
+/// Numbers that are not a rigid transform.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum PoseError {
+    #[error("pose has a value that is not finite")]
+    NotFinite,
+    #[error("quaternion xyzw has norm {norm:.6}; a rotation needs norm 1")]
+    NotUnit { norm: f64 },
+    #[error("3x3 block is not a rotation: it deviates from one by {deviation:.1e} (tolerance 1e-3)")]
+    NotRotation { deviation: f64 },
+}
+
+/// Numbers printed with a few digits are accepted and projected onto the nearest rotation.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+impl Pose {
+    /// A pose from parts that are already a rotation and a translation in metres.
+    #[must_use]
+    pub fn new(rotation: Rotation3<f64>, translation: Vector3<f64>) -> Self {
+        Self { rotation, translation }
+    }
+
+    #[must_use]
+    pub fn identity() -> Self {
+        Self::new(Rotation3::identity(), Vector3::zeros())
+    }
+
+    /// From a quaternion `xyzw` and a translation in metres.
+    ///
+    /// # Errors
+    /// When a value is not finite or the quaternion's norm is not 1 within 1e-3.
+    pub fn from_quaternion_xyzw(xyzw: [f64; 4], translation_m: [f64; 3]) -> Result<Self, PoseError> {
+        if !xyzw.iter().chain(&translation_m).all(|v| v.is_finite()) {
+            return Err(PoseError::NotFinite);
+        }
+        let quaternion = Quaternion::new(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
+        let norm = quaternion.norm();
+        if (norm - 1.0).abs() > ROTATION_TOLERANCE {
+            return Err(PoseError::NotUnit { norm });
+        }
+        let rotation = UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix();
+        Ok(Self::new(rotation, translation_m.into()))
+    }
+
+    /// From a 3x3 matrix (row-major) that should be a rotation, and a translation in metres.
+    ///
+    /// # Errors
+    /// When a value is not finite, or the matrix deviates from a rotation by more than 1e-3.
+    pub fn from_row_major(rotation: [f64; 9], translation_m: [f64; 3]) -> Result<Self, PoseError> {
+        if !rotation.iter().chain(&translation_m).all(|v| v.is_finite()) {
+            return Err(PoseError::NotFinite);
+        }
+        let matrix = Matrix3::from_row_slice(&rotation);
+        let nearest = nearest_rotation(&matrix);
+        let deviation = (nearest.matrix() - matrix).norm();
+        if deviation > ROTATION_TOLERANCE {
+            return Err(PoseError::NotRotation { deviation });
+        }
+        Ok(Self::new(nearest, translation_m.into()))
+    }
+
+    #[must_use]
+    pub fn rotation(&self) -> &Rotation3<f64> {
+        &self.rotation
+    }
+
+    #[must_use]
+    pub fn translation(&self) -> &Vector3<f64> {
+        &self.translation
+    }
+
+    /// The unit quaternion `xyzw` with `w >= 0`.
+    #[must_use]
+    pub fn rotation_xyzw(&self) -> [f64; 4] {
+        let q = UnitQuaternion::from_rotation_matrix(&self.rotation).into_inner();
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        [q.i * sign, q.j * sign, q.k * sign, q.w * sign]
+    }
+
+    #[must_use]
+    pub fn translation_m(&self) -> [f64; 3] {
+        self.translation.into()
+    }
+
+    /// The homogeneous 4x4 matrix.
+    #[must_use]
+    pub fn matrix(&self) -> Matrix4<f64> {
+        let mut matrix = self.rotation.to_homogeneous();
+        matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.translation);
+        matrix
+    }
+
+    /// `b_from_a` of `a_from_b`.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self::new(rotation, -(rotation * self.translation))
+    }
+
+    /// `point_in_a` of `point_in_b`.
+    #[must_use]
+    pub fn transform(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * point + self.translation
+    }
+
+    /// Moves the pose by a small translation (m) and a rotation vector (rad) about the parent frame's fixed axes: the
+    /// perturbation that [`Covariance6`] describes.
+    #[must_use]
+    pub fn perturbed(&self, translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Self {
+        let moved = Rotation3::new(*rotation) * self.rotation;
+        // Products of rotations drift from orthonormality by rounding; one Newton step per call holds it.
+        Self::new(renormalised(&moved), self.translation + translation)
+    }
+
+    /// Angle in radians of the rotation between two poses.
+    #[must_use]
+    pub fn angle_to(&self, other: &Self) -> f64 {
+        self.rotation.angle_to(&other.rotation)
+    }
+}
+
+impl std::ops::Mul for Pose {
+    type Output = Self;
+
+    /// `a_from_c = a_from_b * b_from_c`.
+    fn mul(self, other: Self) -> Self {
+        Self::new(self.rotation * other.rotation, self.transform(&other.translation))
+    }
+}
+
+/// The matrix of the cross product: `skew(a) * b = a x b`.
+#[must_use]
+pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    v.cross_matrix()
+}
+
+/// The rotation nearest to a matrix in the Frobenius norm.
+fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
+    let svd = matrix.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Rotation3::identity();
+    };
+    let sign = (u * v_t).determinant().signum();
+    Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t)
+}
+
+fn renormalised(rotation: &Rotation3<f64>) -> Rotation3<f64> {
+    let r = rotation.matrix();
+    Rotation3::from_matrix_unchecked(r * (Matrix3::identity() * 1.5 - r.transpose() * r * 0.5))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_pose() -> impl Strategy<Value = Pose> {
+        (prop::array::uniform3(-3.0..3.0f64), prop::array::uniform3(-5.0..5.0f64))
+            .prop_map(|(r, t)| Pose::new(Rotation3::new(Vector3::from(r)), Vector3::from(t)))
+    }
+
+    fn close(a: &Pose, b: &Pose) -> bool {
+        (a.matrix() - b.matrix()).norm() < 1e-9
+    }
+
+    proptest! {
+        #[test]
+        fn inverse_undoes(pose in any_pose()) {
+            prop_assert!(close(&(pose * pose.inverse()), &Pose::identity()));
+        }
+
+        #[test]
+        fn composition_is_application_in_turn(a in any_pose(), b in any_pose(), p in prop::array::uniform3(-2.0..2.0f64)) {
+            let point = Vector3::from(p);
+            let apart = (a * b).transform(&point) - a.transform(&b.transform(&point));
+            prop_assert!(apart.norm() < 1e-9);
+        }
+
+        #[test]
+        fn quaternion_round_trip(pose in any_pose()) {
+            let xyzw = pose.rotation_xyzw();
+            prop_assert!(xyzw[3] >= 0.0);
+            let back = Pose::from_quaternion_xyzw(xyzw, pose.translation_m()).unwrap();
+            prop_assert!(close(&pose, &back));
+        }
+
+        #[test]
+        fn perturbation_keeps_the_rotation_orthonormal(pose in any_pose(), r in prop::array::uniform3(-0.5..0.5f64)) {
+            let mut moved = pose;
+            for _ in 0..1000 {
+                moved = moved.perturbed(&Vector3::zeros(), &Vector3::from(r));
+            }
+            let gram = moved.rotation().matrix().transpose() * moved.rotation().matrix();
+            prop_assert!((gram - Matrix3::identity()).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn refuses_what_is_no_rotation() {
+        let reflection = [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        assert!(matches!(Pose::from_row_major(reflection, [0.0; 3]), Err(PoseError::NotRotation { .. })));
+        assert!(matches!(Pose::from_row_major([f64::NAN; 9], [0.0; 3]), Err(PoseError::NotFinite)));
+        assert!(matches!(Pose::from_row_major([0.0; 9], [0.0; 3]), Err(PoseError::NotRotation { .. })));
+        assert!(matches!(Pose::from_quaternion_xyzw([0.0; 4], [0.0; 3]), Err(PoseError::NotUnit { .. })));
+    }
+}

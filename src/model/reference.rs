@@ -1,0 +1,159 @@
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::manifest::{ManifestError, read_json};
+use crate::calibration::Offset;
+use crate::geometry::{Camera, Covariance6, Pose, PoseError};
+
+/// A reference that cannot be used or written.
+#[derive(Debug, Error)]
+pub enum ReferenceError {
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    #[error("{}: field '{field}' {problem}", path.display())]
+    Field { path: PathBuf, field: &'static str, problem: String },
+    #[error(
+        "{} was made for another keypoint model (sha256 {stated}, the model here has {found}); \
+         make a new one with `posed calibrate {object}`",
+        path.display()
+    )]
+    OtherModel { path: PathBuf, object: String, stated: String, found: String },
+    #[error("cannot write {}: {source}", path.display())]
+    Write { path: PathBuf, source: std::io::Error },
+}
+
+/// The calibrated offset of an object: where the user's frame lies in the frame of the virtual keypoints.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    pub object: String,
+    pub keypoint_model_sha256: String,
+    pub offset: Offset,
+    pub views: Vec<ReferenceView>,
+}
+
+/// An image that the offset was measured on.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceView {
+    /// File name beside the reference.
+    pub image: String,
+    pub camera: Camera,
+    pub camera_from_object: PoseFile,
+    /// Box of the object in the image: x, y, width, height in pixels.
+    pub box_px: [f64; 4],
+    pub inlier: bool,
+    pub residual_deg: f64,
+    pub residual_mm: f64,
+}
+
+/// A pose as JSON.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseFile {
+    pub rotation_xyzw: [f64; 4],
+    pub translation_m: [f64; 3],
+}
+
+impl From<&Pose> for PoseFile {
+    fn from(pose: &Pose) -> Self {
+        Self { rotation_xyzw: pose.rotation_xyzw(), translation_m: pose.translation_m() }
+    }
+}
+
+impl TryFrom<&PoseFile> for Pose {
+    type Error = PoseError;
+
+    fn try_from(file: &PoseFile) -> Result<Self, PoseError> {
+        Self::from_quaternion_xyzw(file.rotation_xyzw, file.translation_m)
+    }
+}
+
+/// `reference/<object>.json`.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+struct ReferenceFile {
+    object: String,
+    keypoint_model_sha256: String,
+    method: Method,
+    object_from_keypoints: PoseFile,
+    covariance: [[f64; 6]; 6],
+    references: Vec<ReferenceView>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Method {
+    Single,
+}
+
+impl Reference {
+    /// Reads a reference and checks that it belongs to the keypoint model with this hash.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] names the file and the field, or says how to recalibrate.
+    pub fn read(path: &Path, keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
+        let file: ReferenceFile = read_json(path)?;
+        if !file.keypoint_model_sha256.eq_ignore_ascii_case(keypoint_model_sha256) {
+            return Err(ReferenceError::OtherModel {
+                path: path.into(),
+                object: file.object,
+                stated: file.keypoint_model_sha256,
+                found: keypoint_model_sha256.into(),
+            });
+        }
+        let invalid = |field, problem| ReferenceError::Field { path: path.into(), field, problem };
+        let object_from_keypoints = Pose::try_from(&file.object_from_keypoints)
+            .map_err(|error| invalid("object_from_keypoints", format!("is no pose: {error}")))?;
+        let covariance = Covariance6::from_fn(|row, column| file.covariance[row][column]);
+        let symmetric = (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax();
+        if !symmetric || covariance.cholesky().is_none() {
+            return Err(invalid("covariance", "is not symmetric and positive definite".into()));
+        }
+        Ok(Self {
+            object: file.object,
+            keypoint_model_sha256: file.keypoint_model_sha256,
+            offset: Offset { object_from_keypoints, covariance },
+            views: file.references,
+        })
+    }
+
+    /// Writes the reference so that a reader sees the old file or the new one, never a part.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to.
+    pub fn write(&self, path: &Path) -> Result<(), ReferenceError> {
+        let file = ReferenceFile {
+            object: self.object.clone(),
+            keypoint_model_sha256: self.keypoint_model_sha256.clone(),
+            method: Method::Single,
+            object_from_keypoints: (&self.offset.object_from_keypoints).into(),
+            covariance: std::array::from_fn(|row| std::array::from_fn(|column| self.offset.covariance[(row, column)])),
+            references: self.views.clone(),
+        };
+        let mut text = serde_json::to_vec_pretty(&file)
+            .map_err(|source| ManifestError::Json { path: path.into(), source })?;
+        text.push(b'\n');
+        write_atomically(path, &text).map_err(|source| ReferenceError::Write { path: path.into(), source })
+    }
+}
+
+/// Temporary file in the same folder, fsync, rename.
+pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder)?;
+    let mut temporary = tempfile::NamedTempFile::new_in(folder)?;
+    temporary.write_all(bytes)?;
+    temporary.as_file().sync_all()?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // Temporary files are private to their owner; a reference is for every reader of the folder.
+        temporary.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
+    }
+    temporary.persist(path).map_err(|error| error.error)?;
+    Ok(())
+}

@@ -1,0 +1,110 @@
+use serde::Serialize;
+
+use super::problem::MAX_POINTS;
+use crate::geometry::{Covariance6, Pose};
+
+/// How far a pose can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The evidence agrees with the pose and with no other.
+    Ok,
+    /// Another pose explains the image about as well; see the alternatives.
+    Ambiguous,
+    /// The best pose there is, on thin evidence.
+    LowConfidence,
+    /// The evidence contradicts the pose. It is given for logging, not for acting on.
+    Rejected,
+}
+
+impl Status {
+    /// The one of two that is trusted less.
+    #[must_use]
+    pub fn worse_of(self, other: Self) -> Self {
+        let rank = |status| match status {
+            Self::Ok => 0,
+            Self::Ambiguous => 1,
+            Self::LowConfidence => 2,
+            Self::Rejected => 3,
+        };
+        if rank(other) > rank(self) { other } else { self }
+    }
+}
+
+/// Why a status is not `ok`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// Too few keypoints agree with the pose.
+    FewInliers,
+    /// The keypoints scatter more about the pose than their covariances allow.
+    HighResidual,
+    /// A second pose, far from the first, has a comparable cost.
+    PlanarAmbiguity,
+    /// The keypoints of the pose do not lie where the detector saw the object.
+    BoxMismatch,
+    /// The network is unsure of most keypoints.
+    WeakKeypoints,
+    /// No pose puts the keypoints in front of the camera.
+    NoPose,
+}
+
+/// The pose of one problem and everything known about its quality.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// `camera_from_points`.
+    pub pose: Pose,
+    /// Covariance of `pose`: inverse Hessian over the inliers times `max(1, chi2 / dof)`.
+    pub covariance: Covariance6,
+    /// Sum of the inliers' squared Mahalanobis distances.
+    pub chi2: f64,
+    /// `2 * inliers - 6`.
+    pub degrees_of_freedom: usize,
+    inliers: [bool; MAX_POINTS],
+    points: usize,
+    /// Posterior weight of `pose` among itself and the alternatives, 0..1.
+    pub weight: f64,
+    /// Other poses that were considered to the end, best first.
+    pub alternatives: [Option<Alternative>; 2],
+}
+
+/// Another pose that explains the points, with its posterior weight.
+#[derive(Clone, Copy, Debug)]
+pub struct Alternative {
+    pub pose: Pose,
+    pub weight: f64,
+}
+
+impl Solution {
+    pub(super) fn new(
+        pose: Pose,
+        covariance: Covariance6,
+        chi2: f64,
+        (inliers, points): ([bool; MAX_POINTS], usize),
+        weight: f64,
+        alternatives: [Option<Alternative>; 2],
+    ) -> Self {
+        let count = inliers.iter().filter(|inlier| **inlier).count();
+        Self {
+            pose,
+            covariance,
+            chi2,
+            degrees_of_freedom: (2 * count).saturating_sub(6),
+            inliers,
+            points,
+            weight,
+            alternatives,
+        }
+    }
+
+    /// One entry for each point: whether it lies within the 99 % ellipse of its reprojection.
+    #[must_use]
+    pub fn inliers(&self) -> &[bool] {
+        &self.inliers[..self.points]
+    }
+
+    #[must_use]
+    pub fn inlier_count(&self) -> usize {
+        self.inliers().iter().filter(|inlier| **inlier).count()
+    }
+}

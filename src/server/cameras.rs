@@ -1,0 +1,52 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use crate::geometry::Camera;
+use crate::model::{ManifestError, read_json};
+
+/// A folder of cameras that cannot be used.
+#[derive(Debug, Error)]
+pub enum CameraError {
+    #[error("cannot read the camera folder {}: {source}", path.display())]
+    Folder { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    File(#[from] ManifestError),
+}
+
+/// Cameras by id: `left.camera.json` is camera `left`.
+#[derive(Debug, Default)]
+pub struct Cameras {
+    by_id: BTreeMap<String, Camera>,
+}
+
+const SUFFIX: &str = ".camera.json";
+
+impl Cameras {
+    /// Reads every `*.camera.json` of a folder.
+    ///
+    /// # Errors
+    /// When the folder or one of the files cannot be read, or a file describes no camera.
+    pub fn read(folder: &Path) -> Result<Self, CameraError> {
+        let unreadable = |source| CameraError::Folder { path: folder.into(), source };
+        let mut by_id = BTreeMap::new();
+        for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+            let path = entry.map_err(unreadable)?.path();
+            let id = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix(SUFFIX));
+            if let Some(id) = id {
+                by_id.insert(id.to_owned(), read_json(&path)?);
+            }
+        }
+        Ok(Self { by_id })
+    }
+
+    #[must_use]
+    pub fn get(&self, id: &str) -> Option<&Camera> {
+        self.by_id.get(id)
+    }
+
+    pub fn ids(&self) -> impl Iterator<Item = &str> {
+        self.by_id.keys().map(String::as_str)
+    }
+}

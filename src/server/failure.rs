@@ -1,0 +1,114 @@
+use axum::http::StatusCode;
+use tonic::Code;
+
+use super::Cameras;
+use crate::estimator::{EstimateError, QueueError};
+use crate::geometry::CameraError;
+use crate::vision::DecodeError;
+
+/// Why a request gets no estimate, in words that both protocols carry.
+#[derive(Debug)]
+pub(super) struct Failure {
+    pub kind: FailureKind,
+    pub message: String,
+}
+
+/// Each kind has one HTTP status and one gRPC code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FailureKind {
+    InvalidRequest,
+    InvalidImage,
+    UnsupportedFormat,
+    TooLarge,
+    UnknownCamera,
+    NotFound,
+    QueueFull,
+    ShuttingDown,
+    Internal,
+}
+
+impl FailureKind {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::InvalidRequest => "invalid_request",
+            Self::InvalidImage => "invalid_image",
+            Self::UnsupportedFormat => "unsupported_format",
+            Self::TooLarge => "too_large",
+            Self::UnknownCamera => "unknown_camera",
+            Self::NotFound => "not_found",
+            Self::QueueFull => "queue_full",
+            Self::ShuttingDown => "shutting_down",
+            Self::Internal => "internal",
+        }
+    }
+
+    pub(super) fn http(self) -> StatusCode {
+        match self {
+            Self::InvalidRequest | Self::InvalidImage => StatusCode::BAD_REQUEST,
+            Self::UnsupportedFormat => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::UnknownCamera | Self::NotFound => StatusCode::NOT_FOUND,
+            Self::QueueFull => StatusCode::TOO_MANY_REQUESTS,
+            Self::ShuttingDown => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        }
+    }
+
+    pub(super) fn grpc(self) -> Code {
+        match self {
+            Self::InvalidRequest | Self::InvalidImage | Self::UnsupportedFormat => Code::InvalidArgument,
+            Self::TooLarge | Self::QueueFull => Code::ResourceExhausted,
+            Self::UnknownCamera | Self::NotFound => Code::NotFound,
+            Self::ShuttingDown => Code::Unavailable,
+            Self::Internal => Code::Internal,
+        }
+    }
+}
+
+impl Failure {
+    pub(super) fn new(kind: FailureKind, message: impl Into<String>) -> Self {
+        Self { kind, message: message.into() }
+    }
+
+    pub(super) fn unknown_camera(id: &str, cameras: &Cameras) -> Self {
+        let known = cameras.ids().collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "none".to_owned() } else { known };
+        Self::new(
+            FailureKind::UnknownCamera,
+            format!("no camera {id:?}; known cameras: {known}. Start with --cameras DIR, or give the camera inline"),
+        )
+    }
+}
+
+impl From<CameraError> for Failure {
+    fn from(error: CameraError) -> Self {
+        Self::new(FailureKind::InvalidRequest, error.to_string())
+    }
+}
+
+impl From<QueueError> for Failure {
+    fn from(error: QueueError) -> Self {
+        let kind = match &error {
+            QueueError::Full { .. } => FailureKind::QueueFull,
+            QueueError::Closed => FailureKind::ShuttingDown,
+            QueueError::Decode(decode) => match decode {
+                DecodeError::UnknownFormat => FailureKind::UnsupportedFormat,
+                DecodeError::TooLarge { .. } => FailureKind::TooLarge,
+                DecodeError::Empty
+                | DecodeError::TooSmall { .. }
+                | DecodeError::Truncated
+                | DecodeError::Orientation(_)
+                | DecodeError::Damaged(_) => FailureKind::InvalidImage,
+            },
+            QueueError::Estimate(estimate) => match estimate {
+                EstimateError::Camera(_) => FailureKind::InvalidRequest,
+                EstimateError::Runtime(_) | EstimateError::Resample(_) => FailureKind::Internal,
+            },
+            QueueError::Crashed => FailureKind::Internal,
+        };
+        if kind == FailureKind::Internal {
+            tracing::error!(%error, "an image could not be estimated");
+        }
+        Self::new(kind, error.to_string())
+    }
+}

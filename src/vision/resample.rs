@@ -1,0 +1,190 @@
+use fast_image_resize::images::{Image, ImageRef};
+use fast_image_resize::{FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer};
+use image::RgbImage;
+use nalgebra::Vector2;
+use thiserror::Error;
+
+use crate::geometry::AxisAlignedAffine;
+
+/// A box in image pixels; `x`, `y` is the top left pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundingBox {
+    pub x: f64,
+    pub y: f64,
+    pub width: f64,
+    pub height: f64,
+}
+
+impl BoundingBox {
+    /// The larger side.
+    #[must_use]
+    pub fn extent(&self) -> f64 {
+        self.width.max(self.height)
+    }
+
+    /// The centre, in pixel coordinates (centres of pixels at integers).
+    #[must_use]
+    pub fn centre(&self) -> Vector2<f64> {
+        Vector2::new(self.x + (self.width - 1.0) / 2.0, self.y + (self.height - 1.0) / 2.0)
+    }
+}
+
+/// Pixels made for a network, with the map from the image's pixels to theirs.
+#[derive(Clone, Debug)]
+pub struct Resampled {
+    /// RGB, row by row.
+    pub rgb: Vec<u8>,
+    pub crop_from_image: AxisAlignedAffine,
+}
+
+/// A region that cannot be resampled.
+#[derive(Debug, Error)]
+pub enum ResampleError {
+    #[error("box {0:?} does not describe a region of the image")]
+    Region(BoundingBox),
+    #[error("resampling failed: {0}")]
+    Resize(#[from] fast_image_resize::ResizeError),
+    #[error("resampling failed: {0}")]
+    Buffer(#[from] fast_image_resize::ImageBufferError),
+}
+
+/// Largest crop, in image pixels: a box may reach beyond the image, but its padding must stay bounded.
+const MAX_CROP_PX: f64 = 32_768.0;
+
+/// The square of side `scale * max(w, h)` about a box's centre, resized to `size` x `size` pixels: bilinear,
+/// antialiased when shrinking. What lies outside the image is black. The trainer cuts crops in the same way.
+///
+/// # Errors
+/// When the box is empty, not finite, or far larger than an image.
+pub fn crop_square(
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: &BoundingBox,
+    scale: f64,
+    size: u32,
+) -> Result<Resampled, ResampleError> {
+    let side = scale * region.extent();
+    let centre = region.centre();
+    if !(side >= 1.0 && side <= MAX_CROP_PX && centre.amax() <= MAX_CROP_PX) {
+        return Err(ResampleError::Region(*region));
+    }
+    // Edge coordinates: the image spans 0 to its width, so edge = pixel centre + 0.5.
+    let top_left = centre.add_scalar(0.5 - side / 2.0);
+    let first = top_left.map(f64::floor);
+    let last = top_left.add_scalar(side).map(f64::ceil);
+    let canvas = cut_padded(image, first, last);
+    let offset = top_left - first;
+    let available = last - first - offset;
+    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear)).crop(
+        offset.x,
+        offset.y,
+        side.min(available.x),
+        side.min(available.y),
+    );
+    let source = ImageRef::new(canvas.width(), canvas.height(), canvas.as_raw(), PixelType::U8x3)?;
+    let mut target = Image::new(size, size, PixelType::U8x3);
+    resizer.resize(&source, &mut target, &options)?;
+    let crop_from_image =
+        AxisAlignedAffine::region_to_image(top_left, Vector2::repeat(side), Vector2::repeat(f64::from(size)));
+    Ok(Resampled { rgb: target.into_vec(), crop_from_image })
+}
+
+/// The whole image resized to fit into `width` x `height` at the top left, the rest filled with `fill`.
+///
+/// # Errors
+/// When the image is empty.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded sides within 1..=width")]
+pub fn letterbox(
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    width: u32,
+    height: u32,
+    fill: u8,
+) -> Result<Resampled, ResampleError> {
+    let (from_width, from_height) = (f64::from(image.width()), f64::from(image.height()));
+    let scale = (f64::from(width) / from_width).min(f64::from(height) / from_height);
+    let inner_width = ((from_width * scale).round() as u32).clamp(1, width);
+    let inner_height = ((from_height * scale).round() as u32).clamp(1, height);
+    let source = ImageRef::new(image.width(), image.height(), image.as_raw(), PixelType::U8x3)?;
+    let mut inner = Image::new(inner_width, inner_height, PixelType::U8x3);
+    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
+    resizer.resize(&source, &mut inner, &options)?;
+    let mut rgb = vec![fill; 3 * width as usize * height as usize];
+    for (row, line) in inner.buffer().chunks_exact(3 * inner_width as usize).enumerate() {
+        let start = 3 * row * width as usize;
+        rgb[start..start + line.len()].copy_from_slice(line);
+    }
+    let crop_from_image = AxisAlignedAffine::region_to_image(
+        Vector2::zeros(),
+        Vector2::new(from_width, from_height),
+        Vector2::new(f64::from(inner_width), f64::from(inner_height)),
+    );
+    Ok(Resampled { rgb, crop_from_image })
+}
+
+/// The pixels between two corners (edge coordinates, whole numbers), black outside the image.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by MAX_CROP_PX")]
+fn cut_padded(image: &RgbImage, first: Vector2<f64>, last: Vector2<f64>) -> RgbImage {
+    let (left, top) = (first.x as i64, first.y as i64);
+    let size = (last - first).map(|side| side.max(1.0) as u32);
+    let mut canvas = RgbImage::new(size.x, size.y);
+    image::imageops::replace(&mut canvas, image, -left, -top);
+    canvas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    /// A picture whose colour says where it is.
+    fn map(width: u32, height: u32) -> RgbImage {
+        RgbImage::from_fn(width, height, |x, y| Rgb([x as u8, y as u8, 77]))
+    }
+
+    fn pixel(resampled: &Resampled, width: u32, x: u32, y: u32) -> [u8; 3] {
+        let at = 3 * (y * width + x) as usize;
+        resampled.rgb[at..at + 3].try_into().unwrap()
+    }
+
+    #[test]
+    fn crop_pixels_lie_where_the_affine_says() {
+        let image = map(200, 150);
+        let region = BoundingBox { x: 60.3, y: 40.8, width: 50.0, height: 30.0 };
+        let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, 128).unwrap();
+        let image_from_crop = crop.crop_from_image.inverse();
+        for (x, y) in [(10, 20), (64, 64), (100, 90)] {
+            let at = image_from_crop.apply(&Vector2::new(f64::from(x), f64::from(y)));
+            let [red, green, blue] = pixel(&crop, 128, x, y);
+            assert!((f64::from(red) - at.x).abs() < 1.0, "{red} {at}");
+            assert!((f64::from(green) - at.y).abs() < 1.0, "{green} {at}");
+            assert_eq!(blue, 77);
+        }
+    }
+
+    #[test]
+    fn a_crop_beyond_the_image_is_black_there() {
+        let image = map(100, 100);
+        let region = BoundingBox { x: -20.0, y: 40.0, width: 40.0, height: 40.0 };
+        let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, 64).unwrap();
+        assert_eq!(pixel(&crop, 64, 2, 32), [0, 0, 0]);
+        assert_eq!(pixel(&crop, 64, 62, 32)[2], 77);
+    }
+
+    #[test]
+    fn boxes_that_are_no_region_are_refused() {
+        let image = map(50, 50);
+        for (x, width) in [(0.0, 0.0), (f64::NAN, 10.0), (0.0, f64::INFINITY), (1e9, 10.0), (0.0, 1e9)] {
+            let region = BoundingBox { x, y: 0.0, width, height: width };
+            assert!(crop_square(&mut Resizer::new(), &image, &region, 1.5, 64).is_err(), "{region:?}");
+        }
+    }
+
+    #[test]
+    fn letterbox_keeps_the_aspect_and_fills_the_rest() {
+        let image = map(200, 100);
+        let boxed = letterbox(&mut Resizer::new(), &image, 100, 100, 114).unwrap();
+        assert_eq!(pixel(&boxed, 100, 50, 80), [114; 3]);
+        assert_eq!(boxed.crop_from_image.apply(&Vector2::new(199.5, 99.5)), Vector2::new(99.5, 49.5));
+    }
+}

@@ -1,0 +1,1 @@
+"""Trains posed's keypoint nets and detector from BOP-format images with known relative camera poses."""

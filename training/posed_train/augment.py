@@ -1,0 +1,82 @@
+"""Training-time variation of a patch: geometry (box noise, in-plane rotation), background, occluders, light, camera."""
+
+import cv2
+import numpy as np
+
+from .crops import CROP_SCALE, PATCH_SCALE, PATCH_SIZE, Patch
+from .network import INPUT_SIZE
+
+
+class Augmenter:
+    """Turns patches into network inputs. `backgrounds` are RGB images at least INPUT_SIZE on each side."""
+
+    def __init__(self, backgrounds: list[np.ndarray], rng: np.random.Generator):
+        self.backgrounds, self.rng = backgrounds, rng
+
+    def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
+        """A crop `[S, S, 3]` uint8 and its keypoints `[N, 2]` in crop pixels."""
+        crop_from_patch = self.random_affine()
+        crop = self.warp(patch.rgb, crop_from_patch)
+        if patch.mask is not None and self.backgrounds:
+            mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
+            if self.rng.random() < 0.5:
+                crop = crop * mask + self.random_background() * (1 - mask)
+        if self.backgrounds and self.rng.random() < 0.35:
+            crop = self.occlude(crop)
+        crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
+        keypoints = patch.keypoints @ crop_from_patch[:, :2].T + crop_from_patch[:, 2]
+        return np.clip(crop, 0, 255).astype(np.uint8), keypoints
+
+    def random_affine(self) -> np.ndarray:
+        rng = self.rng
+        angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 else rng.normal(0, np.radians(25))
+        side = PATCH_SIZE / PATCH_SCALE  # the larger box side, in patch pixels
+        crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, 0.12))
+        centre = PATCH_SIZE / 2 - 0.5 + side * np.array([truncated_normal(rng, 0.06) for _ in range(2)])
+        c, s = np.cos(angle) * INPUT_SIZE / crop_side, np.sin(angle) * INPUT_SIZE / crop_side
+        linear = np.array([[c, -s], [s, c]])
+        return np.column_stack([linear, INPUT_SIZE / 2 - 0.5 - linear @ centre])
+
+    def warp(self, image: np.ndarray, affine: np.ndarray) -> np.ndarray:
+        return cv2.warpAffine(image, affine, (INPUT_SIZE, INPUT_SIZE), flags=cv2.INTER_LINEAR)
+
+    def random_background(self) -> np.ndarray:
+        image = self.backgrounds[self.rng.integers(len(self.backgrounds))]
+        side = int(self.rng.integers(INPUT_SIZE, min(image.shape[:2]) + 1))
+        top = self.rng.integers(image.shape[0] - side + 1)
+        left = self.rng.integers(image.shape[1] - side + 1)
+        cut = cv2.resize(image[top : top + side, left : left + side], (INPUT_SIZE, INPUT_SIZE))
+        return cut[:, ::-1] if self.rng.random() < 0.5 else cut
+
+    def occlude(self, crop: np.ndarray) -> np.ndarray:
+        """Covers a convex blob somewhere over the object with foreign texture."""
+        rng = self.rng
+        centre = rng.normal(INPUT_SIZE / 2, INPUT_SIZE / 4.5, 2)
+        points = centre + rng.normal(0, INPUT_SIZE * rng.uniform(0.05, 0.16), (6, 2))
+        blob = np.zeros((INPUT_SIZE, INPUT_SIZE), np.float32)
+        cv2.fillConvexPoly(blob, cv2.convexHull(points.astype(np.int32)), 1.0, cv2.LINE_AA)
+        return crop * (1 - blob[..., None]) + self.random_background() * blob[..., None]
+
+    def vary_light(self, crop: np.ndarray) -> np.ndarray:
+        rng = self.rng
+        crop = 255 * (np.clip(crop, 0, 255) / 255) ** np.exp(rng.normal(0, 0.25))
+        grey = crop.mean(axis=2, keepdims=True)
+        crop = grey + (crop - grey) * rng.uniform(0.6, 1.3)
+        mean = crop.mean()
+        crop = mean + (crop - mean) * rng.uniform(0.65, 1.35)
+        return crop * rng.uniform(0.65, 1.35) * rng.uniform(0.88, 1.12, 3).astype(np.float32) + rng.normal(0, 8)
+
+    def vary_camera(self, crop: np.ndarray) -> np.ndarray:
+        rng = self.rng
+        if rng.random() < 0.4:
+            crop = cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.3, 1.6))
+        if rng.random() < 0.5:
+            crop = crop + rng.uniform(1, 10) * rng.standard_normal(crop.shape, np.float32)
+        return crop
+
+
+def truncated_normal(rng: np.random.Generator, sigma: float) -> float:
+    """Normal noise without the tails beyond two sigma (the paper's box noise)."""
+    while abs(value := rng.normal(0, 1)) > 2:
+        pass
+    return sigma * value

@@ -1,0 +1,97 @@
+"""Reads BOP-format folders: https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md
+
+Millimetres on disk become metres here, at the boundary, and nowhere else. Poses are 4x4 `a_from_b` matrices in
+the OpenCV camera frame; pixel centres are at integer coordinates.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+METRES_PER_MILLIMETRE = 1e-3
+
+
+@dataclass(frozen=True)
+class View:
+    """One object seen in one image."""
+
+    scene: str
+    image_id: int
+    image_path: Path
+    mask_path: Path | None
+    camera_matrix: np.ndarray  # [3, 3] pixels
+    camera_from_object: np.ndarray  # [4, 4] metres
+    box: tuple[float, float, float, float]  # x, y, w, h of the visible part, pixels
+    visible_fraction: float
+
+
+class DatasetError(ValueError):
+    """A dataset folder that cannot be used; the message names the file and the reason."""
+
+
+def read_json(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: missing; a BOP scene needs this file") from None
+    except json.JSONDecodeError as error:
+        raise DatasetError(f"{path}: not valid JSON ({error})") from None
+
+
+def image_path(scene_dir: Path, image_id: int) -> Path:
+    for suffix in (".jpg", ".png"):
+        path = scene_dir / "rgb" / f"{image_id:06d}{suffix}"
+        if path.exists():
+            return path
+    raise DatasetError(f"{scene_dir}/rgb/{image_id:06d}.jpg: missing, but scene_gt.json names this image")
+
+
+def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: int = 16) -> list[View]:
+    """All views of one object in a BOP split (a folder of scene folders), in a stable order."""
+    views = []
+    for scene_dir in sorted(p for p in split.iterdir() if (p / "scene_gt_info.json").exists()):
+        poses, infos, cameras = (
+            read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera")
+        )
+        for key in sorted(poses, key=int):
+            for index, (pose, info) in enumerate(zip(poses[key], infos[key], strict=True)):
+                x, y, w, h = info["bbox_visib"]
+                if pose["obj_id"] != obj_id or info["visib_fract"] < min_visible or min(w, h) < min_box_px:
+                    continue
+                mask = scene_dir / "mask_visib" / f"{int(key):06d}_{index:06d}.png"
+                views.append(
+                    View(
+                        scene=scene_dir.name,
+                        image_id=int(key),
+                        image_path=image_path(scene_dir, int(key)),
+                        mask_path=mask if mask.exists() else None,
+                        camera_matrix=np.array(cameras[key]["cam_K"]).reshape(3, 3),
+                        camera_from_object=rigid(pose["cam_R_m2c"], pose["cam_t_m2c"]),
+                        box=(x, y, w, h),
+                        visible_fraction=info["visib_fract"],
+                    )
+                )
+    if not views:
+        raise DatasetError(f"{split}: no usable view of object {obj_id}")
+    return views
+
+
+def rigid(rotation: list[float], translation_mm: list[float]) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = np.array(rotation).reshape(3, 3)
+    pose[:3, 3] = np.array(translation_mm) * METRES_PER_MILLIMETRE
+    return pose
+
+
+def read_rgb(path: Path) -> np.ndarray:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise DatasetError(f"{path}: not a readable image")
+    return image
+
+
+def read_mask(view: View) -> np.ndarray | None:
+    return None if view.mask_path is None else cv2.imread(str(view.mask_path), cv2.IMREAD_GRAYSCALE)

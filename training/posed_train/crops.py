@@ -1,0 +1,74 @@
+"""Square crops around boxes. The service cuts them the same way (`src/vision/crop.rs`); parity tests hold both to it.
+
+A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its map to pixels is the affine
+`crop_from_image`: pixel centres are at integer coordinates, so the square's left edge lies at `x - 0.5`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from .bop import View, read_mask, read_rgb
+from .network import INPUT_SIZE
+
+CROP_SCALE = 1.5
+PATCH_SCALE = 2.4  # what training keeps around the object: room for rotation and box noise
+PATCH_SIZE = 192
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square region of an image; `left` and `top` are edges, in pixel-edge coordinates (0 = image border)."""
+
+    left: float
+    top: float
+    side: float
+
+    @classmethod
+    def around(cls, box: tuple[float, float, float, float], scale: float) -> "Square":
+        x, y, w, h = box
+        side = scale * max(w, h)
+        return cls(x + w / 2 - side / 2, y + h / 2 - side / 2, side)
+
+    def to_crop(self, pixels: np.ndarray, size: int) -> np.ndarray:
+        """Image pixels to crop pixels, both with centres at integers."""
+        return (pixels + 0.5 - [self.left, self.top]) * (size / self.side) - 0.5
+
+    def cut(self, image: np.ndarray, size: int) -> np.ndarray:
+        """Bilinear with antialiasing (Pillow); what lies outside the image is black."""
+        height, width = image.shape[:2]
+        x0, y0 = int(np.floor(self.left)), int(np.floor(self.top))
+        x1, y1 = int(np.ceil(self.left + self.side)), int(np.ceil(self.top + self.side))
+        canvas = np.zeros((y1 - y0, x1 - x0, *image.shape[2:]), image.dtype)
+        sx, sy = slice(max(x0, 0), min(x1, width)), slice(max(y0, 0), min(y1, height))
+        if sx.start < sx.stop and sy.start < sy.stop:
+            canvas[sy.start - y0 : sy.stop - y0, sx.start - x0 : sx.stop - x0] = image[sy, sx]
+        left, top = self.left - x0, self.top - y0
+        box = (left, top, min(left + self.side, x1 - x0), min(top + self.side, y1 - y0))
+        return np.asarray(Image.fromarray(canvas).resize((size, size), Image.Resampling.BILINEAR, box=box))
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A view's surroundings at training resolution, with the keypoints' targets in patch pixels."""
+
+    rgb: np.ndarray  # [PATCH_SIZE, PATCH_SIZE, 3] uint8
+    mask: np.ndarray | None  # [PATCH_SIZE, PATCH_SIZE] uint8
+    keypoints: np.ndarray  # [N, 2]
+
+
+def cut_patch(view: View, keypoints_in_image: np.ndarray) -> Patch:
+    square = Square.around(view.box, PATCH_SCALE)
+    mask = read_mask(view)
+    return Patch(
+        rgb=square.cut(read_rgb(view.image_path), PATCH_SIZE),
+        mask=None if mask is None else square.cut(mask, PATCH_SIZE),
+        keypoints=square.to_crop(keypoints_in_image, PATCH_SIZE),
+    )
+
+
+def cut_crop(view: View, image: np.ndarray) -> tuple[np.ndarray, Square]:
+    """The crop that the network sees at run time for this view's box."""
+    square = Square.around(view.box, CROP_SCALE)
+    return square.cut(image, INPUT_SIZE), square

@@ -1,0 +1,43 @@
+"""Accuracy of poses, as the field defines it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+
+@dataclass(frozen=True)
+class Model:
+    """What scoring needs of an object's mesh: vertices in metres, the diameter, and whether it is symmetric."""
+
+    vertices: np.ndarray
+    diameter: float
+    symmetric: bool
+
+
+def load_model(path, info: dict) -> Model:
+    vertices = np.asarray(trimesh.load(path, process=False).vertices) * 1e-3
+    symmetric = bool(info.get("symmetries_discrete") or info.get("symmetries_continuous"))
+    return Model(vertices, info["diameter"] * 1e-3, symmetric)
+
+
+def transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def add(model: Model, estimate: np.ndarray, truth: np.ndarray) -> float:
+    """ADD in metres; ADD-S (closest point) for an object with symmetries."""
+    estimated, true = transform(estimate, model.vertices), transform(truth, model.vertices)
+    if model.symmetric:
+        return float(cKDTree(estimated).query(true)[0].mean())
+    return float(np.linalg.norm(estimated - true, axis=1).mean())
+
+
+def rotation_error_deg(estimate: np.ndarray, truth: np.ndarray) -> float:
+    cosine = (np.trace(estimate[:3, :3].T @ truth[:3, :3]) - 1) / 2
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def translation_error_m(estimate: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.linalg.norm(estimate[:3, 3] - truth[:3, 3]))

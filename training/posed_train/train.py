@@ -1,0 +1,206 @@
+"""The training loop of a keypoint net."""
+
+import copy
+import csv
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from . import bop, metrics
+from .augment import Augmenter
+from .config import Config
+from .crops import Patch, cut_patch
+from .heatmap import Decode
+from .losses import heatmap_loss
+from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
+from .registration import Registration, project, register
+from .validate import Predict, predict_views, score
+
+VALIDATE_EVERY = 1000
+CHECKPOINT_EVERY = 250
+EMA_DECAY = 0.998
+MAX_BACKGROUND_PX = 360
+
+
+class Data:
+    """The views of one object, registered as one component, and cut into patches."""
+
+    def __init__(self, config: Config, root: Path):
+        photoreal = bop.read_views(root / config.photoreal, config.obj_id, config.min_visible)
+        scenes = sorted({view.scene for view in photoreal})
+        held_out = set(scenes[len(scenes) - config.held_out_scenes :])
+        rasterised = (
+            bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
+            if config.rasterised
+            else []
+        )
+        views = photoreal + rasterised
+        self.registration = register(views, config.seed)
+        self.keypoints_from_object = (
+            np.linalg.inv(self.registration.camera_from_keypoints[0]) @ views[0].camera_from_object
+        )
+        self.held_out = [view for view in photoreal if view.scene in held_out]
+        in_image = project(
+            np.stack([view.camera_matrix for view in views]),
+            self.registration.camera_from_keypoints,
+            self.registration.keypoints,
+        )
+        self.photoreal: list[Patch] = []
+        self.rasterised: list[Patch] = []
+        for index, view in enumerate(tqdm(views, desc=f"{config.name}: cutting crops", mininterval=5)):
+            if index >= len(photoreal):
+                self.rasterised.append(cut_patch(view, in_image[index]))
+            elif view.scene not in held_out:
+                self.photoreal.append(cut_patch(view, in_image[index]))
+        self.backgrounds = read_backgrounds(root / config.backgrounds) if config.backgrounds else []
+
+    def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        pools = [pool for pool in (self.photoreal, self.rasterised) if pool]
+        samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
+        crops, keypoints = zip(*(augment(sample) for sample in samples))
+        images = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2).float() / 255
+        return images.contiguous(memory_format=torch.channels_last), torch.from_numpy(np.stack(keypoints)).float()
+
+
+def read_backgrounds(folder: Path) -> list[np.ndarray]:
+    import cv2
+
+    images = []
+    for path in sorted(folder.glob("*.jpg")):
+        image = bop.read_rgb(path)
+        scale = MAX_BACKGROUND_PX / min(image.shape[:2])
+        if min(image.shape[:2]) >= INPUT_SIZE:
+            image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+            images.append(image)
+    return images
+
+
+def predictor(model: KeypointNet) -> Predict:
+    decode = Decode(INPUT_SIZE // HEATMAP_STRIDE)
+
+    @torch.no_grad()
+    def predict(crops: np.ndarray):
+        model.eval()
+        images = torch.from_numpy(crops.copy()).permute(0, 3, 1, 2).float() / 255
+        return tuple(output.numpy() for output in decode(model(images)))
+
+    return predict
+
+
+class Trainer:
+    """Holds everything a checkpoint must hold."""
+
+    def __init__(self, config: Config, keypoints: int, init: Path | None):
+        torch.manual_seed(config.seed)
+        self.config, self.step = config, 0
+        self.model = KeypointNet(keypoints).to(memory_format=torch.channels_last)
+        if init is not None:
+            self.model.load_state_dict(torch.load(init, weights_only=True)["average"])
+        self.average = copy.deepcopy(self.model)
+        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
+
+    def learning_rate(self) -> float:
+        warm_up = min(1.0, (self.step + 1) / 200)
+        return self.config.learning_rate * warm_up * 0.5 * (1 + math.cos(math.pi * self.step / self.config.steps))
+
+    def train_step(self, images: torch.Tensor, keypoints: torch.Tensor) -> float:
+        self.model.train()
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate()
+        with torch.autocast("cpu", torch.bfloat16):
+            logits = self.model(images)
+        loss = heatmap_loss(logits, keypoints)
+        if not torch.isfinite(loss):
+            raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}; lower learning_rate and resume")
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 5.0)
+        self.optimizer.step()
+        self.step += 1
+        self.update_average()
+        return loss.item()
+
+    @torch.no_grad()
+    def update_average(self) -> None:
+        decay = min(EMA_DECAY, (self.step + 1) / (self.step + 10))
+        for average, current in zip(self.average.state_dict().values(), self.model.state_dict().values()):
+            if average.dtype.is_floating_point:
+                average.lerp_(current, 1 - decay)
+            else:
+                average.copy_(current)
+
+    def save(self, path: Path) -> None:
+        temporary = path.with_suffix(".tmp")
+        torch.save(
+            {
+                "step": self.step,
+                "model": self.model.state_dict(),
+                "average": self.average.state_dict(),
+                "optimizer": self.optimizer.state_dict(),
+            },
+            temporary,
+        )
+        os.replace(temporary, path)
+
+    def resume(self, path: Path) -> None:
+        state = torch.load(path, weights_only=True)
+        self.step = state["step"]
+        self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+
+def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Data]:
+    """Trains (or goes on training) one object's net; `out` gets checkpoint.pt and log.csv."""
+    out.mkdir(parents=True, exist_ok=True)
+    data = Data(config, root)
+    trainer = Trainer(config, len(data.registration.keypoints), init)
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    rng = np.random.default_rng([config.seed, trainer.step])
+    augment = Augmenter(data.backgrounds, rng)
+    validator = Validator(config, root, data.registration, data.keypoints_from_object)
+    losses, started = [], time.time()
+    with (out / "log.csv").open("a", newline="") as log_file, tqdm(
+        total=config.steps, initial=trainer.step, desc=config.name, mininterval=10
+    ) as bar:
+        log = csv.writer(log_file)
+        while trainer.step < config.steps:
+            losses.append(trainer.train_step(*data.batch(config.batch, augment, rng)))
+            bar.update()
+            if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
+                bar.set_postfix(loss=f"{np.mean(losses):.3f}")
+                trainer.save(checkpoint)
+                scores = validator(trainer.average) if trainer.step % VALIDATE_EVERY == 0 else {}
+                log.writerow([trainer.step, f"{time.time() - started:.0f}", f"{np.mean(losses):.4f}", scores])
+                log_file.flush()
+                if scores:
+                    bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
+                losses = []
+    return trainer.average, data
+
+
+class Validator:
+    """Scores a model on the validation split, if there is one."""
+
+    def __init__(self, config: Config, root: Path, registration: Registration, keypoints_from_object: np.ndarray):
+        self.registration, self.keypoints_from_object = registration, keypoints_from_object
+        self.views = (
+            bop.read_views(root / config.validation, config.obj_id, min_visible=0.7) if config.validation else []
+        )
+        if self.views:
+            models = root / config.models
+            info = bop.read_json(models / "models_info.json")[str(config.obj_id)]
+            self.model = metrics.load_model(models / f"obj_{config.obj_id:06d}.ply", info)
+
+    def __call__(self, model: KeypointNet) -> dict[str, float]:
+        if not self.views:
+            return {}
+        predictions = predict_views(predictor(model), self.views)
+        return score(self.model, self.registration.keypoints, self.keypoints_from_object, predictions)

@@ -1,0 +1,82 @@
+"""Scores a keypoint net on held-out views with ground-truth boxes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from . import metrics
+from .bop import View, read_rgb
+from .crops import cut_crop
+from .network import INPUT_SIZE
+from .registration import project
+
+Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Crops `[B, S, S, 3]` uint8 -> keypoints `[B, N, 2]`, covariances `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the net says of one view, in image pixels."""
+
+    view: View
+    keypoints: np.ndarray  # [N, 2]
+    covariances: np.ndarray  # [N, 2, 2]
+    peaks: np.ndarray  # [N]
+
+
+def predict_views(predict: Predict, views: list[View]) -> list[Prediction]:
+    predictions = []
+    for view in views:
+        crop, square = cut_crop(view, read_rgb(view.image_path))
+        keypoints, covariances, peaks = (output[0] for output in predict(crop[None]))
+        scale = square.side / INPUT_SIZE
+        in_image = (keypoints + 0.5) * scale - 0.5 + [square.left, square.top]
+        predictions.append(Prediction(view, in_image, covariances * scale**2, peaks))
+    return predictions
+
+
+def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | None:
+    """`camera_from_keypoints` by OpenCV: RANSAC over P3P, then least squares on the inliers."""
+    camera = prediction.view.camera_matrix
+    pixels = np.ascontiguousarray(prediction.keypoints, dtype=float)
+    tolerance_px = 0.05 * max(prediction.view.box[2:])
+    found, rvec, tvec, inliers = cv2.solvePnPRansac(
+        keypoints, pixels, camera, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=tolerance_px
+    )
+    if not found or inliers is None:
+        return None
+    rows = inliers.ravel()
+    rvec, tvec = cv2.solvePnPRefineLM(keypoints[rows], pixels[rows], camera, None, rvec, tvec)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rvec)[0], tvec.ravel()
+    return pose
+
+
+def score(
+    model: metrics.Model, keypoints: np.ndarray, keypoints_from_object: np.ndarray, predictions: list[Prediction]
+) -> dict[str, float]:
+    """ADD(-S) < 10 % of the diameter and 5 deg 5 cm, as percentages, and median errors."""
+    add, rotation, translation, pixels = [], [], [], []
+    for prediction in predictions:
+        truth = prediction.view.camera_from_object
+        expected = project(prediction.view.camera_matrix, truth @ np.linalg.inv(keypoints_from_object), keypoints)
+        pixels.append(np.median(np.linalg.norm(prediction.keypoints - expected, axis=1)))
+        pose = solve_pose(keypoints, prediction)
+        if pose is None:
+            add, rotation, translation = add + [np.inf], rotation + [180.0], translation + [np.inf]
+            continue
+        estimate = pose @ keypoints_from_object
+        add.append(metrics.add(model, estimate, truth))
+        rotation.append(metrics.rotation_error_deg(estimate, truth))
+        translation.append(metrics.translation_error_m(estimate, truth))
+    add, rotation, translation = map(np.array, (add, rotation, translation))
+    return {
+        "views": len(predictions),
+        "add_percent": 100 * float(np.mean(add < 0.1 * model.diameter)),
+        "deg5_cm5_percent": 100 * float(np.mean((rotation < 5) & (translation < 0.05))),
+        "rotation_median_deg": float(np.median(rotation)),
+        "translation_median_mm": 1000 * float(np.median(translation)),
+        "keypoint_median_px": float(np.median(pixels)),
+    }
