@@ -38,14 +38,15 @@ impl Offset {
             jacobian
         };
         let by_offset = {
+            // object_from_keypoints moves by (τ, ψ) along the object's axes: the answer turns by -R ψ, and moves
+            // by R (ψ x t - τ), with t the offset's translation.
             let rotation = camera_from_object.rotation().matrix();
             let mut jacobian = -block_diagonal(rotation);
-            // The keypoints' origin stays where it was measured; the object's origin swings about it.
-            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&(skew(&lever) * rotation));
+            let swing = -rotation * skew(self.object_from_keypoints.translation());
+            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&swing);
             jacobian
         };
-        let total =
-            by_pose * covariance * by_pose.transpose() + by_offset * self.covariance * by_offset.transpose();
+        let total = by_pose * covariance * by_pose.transpose() + by_offset * self.covariance * by_offset.transpose();
         (camera_from_object, total)
     }
 }
@@ -71,7 +72,9 @@ mod tests {
     /// The step along the parent's axes that leads from one pose to another close by.
     fn step(from: &Pose, to: &Pose) -> Vector6<f64> {
         let translation = to.translation() - from.translation();
-        let rotation = (to.rotation() * from.rotation().inverse()).scaled_axis();
+        // The antisymmetric part: an angle from the trace would lose all digits of so small a turn.
+        let turn = to.rotation().matrix() * from.rotation().matrix().transpose();
+        let rotation = Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0;
         Vector6::from_iterator(translation.iter().chain(rotation.iter()).copied())
     }
 

@@ -9,6 +9,7 @@
 //! - [`model`]: model folders, references and the runtime of the networks.
 //! - [`estimator`]: image in, poses out; the queue in front of it.
 //! - [`evaluation`]: BOP datasets.
+//! - [`proto`]: the gRPC messages.
 //! - [`server`]: HTTP and gRPC.
 //! - [`commands`]: the sub-commands of the program.
 #![forbid(unsafe_code)]
@@ -20,5 +21,6 @@ pub mod evaluation;
 pub mod geometry;
 pub mod model;
 pub mod pnp;
+pub mod proto;
 pub mod server;
 pub mod vision;

@@ -36,8 +36,8 @@ impl Estimate {
         let store = Store::load(&self.models.paths(), &self.models.runtime()?)?;
         let mut estimator = Estimator::new(store);
         let start = Instant::now();
-        let mut image = decode(&bytes, &ImageLimits::default())
-            .map_err(|error| format!("{}: {error}", self.image.display()))?;
+        let mut image =
+            decode(&bytes, &ImageLimits::default()).map_err(|error| format!("{}: {error}", self.image.display()))?;
         let decode = start.elapsed();
         let estimate = estimator.estimate(&image, &camera)?;
         let answer = Answer { estimate, queued: Duration::ZERO, decode, total: start.elapsed() };

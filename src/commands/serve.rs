@@ -45,11 +45,12 @@ impl Serve {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let cameras = self.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
         let store = Store::load(&self.models.paths(), &self.models.runtime()?)?;
-        for model in store.objects.iter().filter(|model| model.reference.is_none()) {
-            tracing::warn!("{0} is not calibrated and not served; run `posed calibrate {0}`", model.manifest.name);
+        for (name, reason) in store.unserved() {
+            tracing::warn!("{name} is not served: {reason}");
         }
+        let names: Vec<&str> = store.calibrated().map(|model| model.manifest.name.as_str()).collect();
+        tracing::info!("objects: {}", names.join(", "));
         let estimator = Estimator::new(store);
-        tracing::info!("objects: {}", estimator.calibrated_objects().collect::<Vec<_>>().join(", "));
         let limits = ImageLimits { max_side_px: self.max_side_px, max_pixels: self.max_pixels };
         let (queue, worker) = Queue::start(estimator, usize::from(self.queue), limits)?;
         let config = server::Config {

@@ -109,11 +109,6 @@ impl Estimator {
         Self { store, resizer: Resizer::new(), options: pnp::Options::default() }
     }
 
-    /// Names of the objects whose poses can be given, in the detector's order.
-    pub fn calibrated_objects(&self) -> impl Iterator<Item = &str> {
-        self.store.objects.iter().filter(|model| model.reference.is_some()).map(|model| model.manifest.name.as_str())
-    }
-
     /// Finds all calibrated objects in an image. `camera` belongs to this image.
     ///
     /// # Errors
@@ -126,6 +121,7 @@ impl Estimator {
         timings.detect = start.elapsed();
         let mut poses = Vec::new();
         for (index, model) in self.store.objects.iter_mut().enumerate() {
+            let Some(model) = model else { continue };
             let Some(offset) = model.reference.as_ref().map(|reference| reference.offset.clone()) else { continue };
             let found: Vec<Detection> = detections.iter().filter(|d| d.object == index).copied().collect();
             let boxes: Vec<BoundingBox> = found.iter().map(|d| d.bounding_box).collect();

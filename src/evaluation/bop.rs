@@ -66,8 +66,11 @@ struct InfoEntry {
 pub fn read_image(scene: &Path, image_id: u32) -> Result<(PathBuf, Camera, Vec<GroundTruth>), BopError> {
     let camera: CameraEntry = entry(scene, "scene_camera.json", image_id)?;
     let [fx, _, cx, _, fy, cy, ..] = camera.cam_k;
-    let camera = Camera::pinhole(fx, fy, cx, cy)
-        .map_err(|source| BopError::Camera { path: scene.join("scene_camera.json"), image_id, source })?;
+    let camera = Camera::pinhole(fx, fy, cx, cy).map_err(|source| BopError::Camera {
+        path: scene.join("scene_camera.json"),
+        image_id,
+        source,
+    })?;
     let poses: Vec<PoseEntry> = entry(scene, "scene_gt.json", image_id)?;
     let infos: Vec<InfoEntry> = entry(scene, "scene_gt_info.json", image_id)?;
     let objects = poses

@@ -55,8 +55,11 @@ mod tests {
 
     #[test]
     fn edges_of_the_region_become_edges_of_the_image() {
-        let affine =
-            AxisAlignedAffine::region_to_image(Vector2::new(10.0, 20.0), Vector2::new(64.0, 64.0), Vector2::new(128.0, 128.0));
+        let affine = AxisAlignedAffine::region_to_image(
+            Vector2::new(10.0, 20.0),
+            Vector2::new(64.0, 64.0),
+            Vector2::new(128.0, 128.0),
+        );
         assert_eq!(affine.apply(&Vector2::new(9.5, 19.5)), Vector2::new(-0.5, -0.5));
         assert_eq!(affine.apply(&Vector2::new(73.5, 83.5)), Vector2::new(127.5, 127.5));
     }

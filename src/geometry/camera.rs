@@ -107,10 +107,7 @@ impl Camera {
     pub fn project(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         let depth = point_in_camera.z;
         (depth > 1e-9).then(|| {
-            Vector2::new(
-                self.fx * point_in_camera.x / depth + self.cx,
-                self.fy * point_in_camera.y / depth + self.cy,
-            )
+            Vector2::new(self.fx * point_in_camera.x / depth + self.cx, self.fy * point_in_camera.y / depth + self.cy)
         })
     }
 

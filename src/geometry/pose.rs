@@ -124,10 +124,12 @@ impl Pose {
         Self::new(renormalised(&moved), self.translation + translation)
     }
 
-    /// Angle in radians of the rotation between two poses.
+    /// Angle in radians, 0 to pi, of the rotation between two poses.
     #[must_use]
     pub fn angle_to(&self, other: &Self) -> f64 {
-        self.rotation.angle_to(&other.rotation)
+        // From the chord, since the arc cosine of the trace is inexact near zero, and NaN where rounding passes 1.
+        let chord = (self.rotation.matrix() - other.rotation.matrix()).norm() / 8.0_f64.sqrt();
+        2.0 * chord.min(1.0).asin()
     }
 }
 
@@ -194,6 +196,14 @@ mod tests {
             prop_assert!(xyzw[3] >= 0.0);
             let back = Pose::from_quaternion_xyzw(xyzw, pose.translation_m()).unwrap();
             prop_assert!(close(&pose, &back));
+        }
+
+        #[test]
+        fn angle_is_that_of_the_rotation_between(pose in any_pose(), axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..3.1f64) {
+            prop_assume!(Vector3::from(axis).norm() > 0.1);
+            let turned = pose.perturbed(&Vector3::zeros(), &(Vector3::from(axis).normalize() * angle));
+            prop_assert!((pose.angle_to(&turned) - angle).abs() < 1e-7);
+            prop_assert_eq!(pose.angle_to(&pose), 0.0);
         }
 
         #[test]

@@ -133,7 +133,10 @@ impl KeypointManifest {
         check_name(&self.name).map_err(|problem| ("name", problem))?;
         let count = self.virtual_keypoints_m.len();
         if !(MIN_POINTS..=MAX_POINTS).contains(&count) {
-            return Err(("virtual_keypoints_m", format!("has {count} points; {MIN_POINTS} to {MAX_POINTS} are needed")));
+            return Err((
+                "virtual_keypoints_m",
+                format!("has {count} points; {MIN_POINTS} to {MAX_POINTS} are needed"),
+            ));
         }
         let extreme = self.virtual_keypoints_m.iter().flatten().any(|v| !(v.abs() < 10.0));
         if extreme {

@@ -134,8 +134,8 @@ impl Reference {
             covariance: std::array::from_fn(|row| std::array::from_fn(|column| self.offset.covariance[(row, column)])),
             references: self.views.clone(),
         };
-        let mut text = serde_json::to_vec_pretty(&file)
-            .map_err(|source| ManifestError::Json { path: path.into(), source })?;
+        let mut text =
+            serde_json::to_vec_pretty(&file).map_err(|source| ManifestError::Json { path: path.into(), source })?;
         text.push(b'\n');
         write_atomically(path, &text).map_err(|source| ReferenceError::Write { path: path.into(), source })
     }

@@ -26,8 +26,8 @@ pub enum LoadError {
     Runtime(#[from] RuntimeError),
     #[error("{}: the folder is named {folder:?} but its manifest names the object {name:?}", path.display())]
     Name { path: PathBuf, folder: String, name: String },
-    #[error("detector class {label:?} has no model: {} does not exist", path.display())]
-    NoModel { label: String, path: PathBuf },
+    #[error("object {name:?} has no model: {} does not exist", path.display())]
+    NoModel { name: String, path: PathBuf },
 }
 
 pub struct Detector {
@@ -46,12 +46,12 @@ pub struct KeypointModel {
 /// Everything loaded from disk.
 pub struct Store {
     pub detector: Detector,
-    /// In the order of the detector's classes.
-    pub objects: Vec<KeypointModel>,
+    /// One entry for each of the detector's classes; `None` where there is no model folder.
+    pub objects: Vec<Option<KeypointModel>>,
 }
 
 impl Store {
-    /// Loads the detector, and the model and reference of each of its classes.
+    /// Loads the detector, and the model and reference of each of its classes that has a model folder.
     ///
     /// # Errors
     /// [`LoadError`] names the file, and the field where there is one.
@@ -62,9 +62,28 @@ impl Store {
         let objects = manifest
             .labels
             .iter()
-            .map(|label| KeypointModel::load(paths, label, runtime))
+            .map(|label| {
+                let known = paths.models.join(label).is_dir();
+                known.then(|| KeypointModel::load(paths, label, runtime)).transpose()
+            })
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self { detector: Detector { manifest, network }, objects })
+    }
+}
+
+impl Store {
+    /// The objects whose poses can be given.
+    pub fn calibrated(&self) -> impl Iterator<Item = &KeypointModel> {
+        self.objects.iter().flatten().filter(|model| model.reference.is_some())
+    }
+
+    /// Names of the detector's classes whose poses cannot be given, and why.
+    pub fn unserved(&self) -> impl Iterator<Item = (&str, &'static str)> {
+        self.detector.manifest.labels.iter().zip(&self.objects).filter_map(|(label, model)| match model {
+            None => Some((label.as_str(), "it has no model folder")),
+            Some(KeypointModel { reference: None, .. }) => Some((label.as_str(), "it is not calibrated")),
+            Some(KeypointModel { reference: Some(_), .. }) => None,
+        })
     }
 }
 
@@ -89,7 +108,7 @@ impl KeypointModel {
     pub fn load_uncalibrated(paths: &StorePaths, name: &str, runtime: &Runtime) -> Result<Self, LoadError> {
         let folder = paths.models.join(name);
         if !folder.is_dir() {
-            return Err(LoadError::NoModel { label: name.into(), path: folder });
+            return Err(LoadError::NoModel { name: name.into(), path: folder });
         }
         let path = folder.join("object.json");
         let manifest = KeypointManifest::read(&path)?;

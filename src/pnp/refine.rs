@@ -26,9 +26,8 @@ pub(super) fn refine(problem: &Problem, start: &Pose) -> Option<Refined> {
     let mut cost = robust_cost(problem, &pose)?;
     let mut damping = 1e-3;
     for _ in 0..MAX_ITERATIONS {
-        let (hessian, gradient) = normal_equations(problem, &pose, |squared| {
-            1.0 / (1.0 + squared / (CAUCHY_WIDTH * CAUCHY_WIDTH))
-        })?;
+        let (hessian, gradient) =
+            normal_equations(problem, &pose, |squared| 1.0 / (1.0 + squared / (CAUCHY_WIDTH * CAUCHY_WIDTH)))?;
         let mut improved = false;
         while damping < 1e8 {
             let damped = hessian + Matrix6::from_diagonal(&(hessian.diagonal() * damping));

@@ -6,4 +6,4 @@ mod resample;
 
 pub use decode::{DecodeError, ImageLimits, decode};
 pub use overlay::{Mark, draw_marks, encode_png};
-pub use resample::{BoundingBox, Resampled, ResampleError, crop_square, letterbox};
+pub use resample::{BoundingBox, ResampleError, Resampled, crop_square, letterbox};

@@ -65,7 +65,8 @@ pub fn crop_square(
 ) -> Result<Resampled, ResampleError> {
     let side = scale * region.extent();
     let centre = region.centre();
-    if !(side >= 1.0 && side <= MAX_CROP_PX && centre.amax() <= MAX_CROP_PX) {
+    let bounded = |value: f64| value.abs() <= MAX_CROP_PX; // false for NaN
+    if !(side >= 1.0 && bounded(side) && centre.iter().copied().all(bounded)) {
         return Err(ResampleError::Region(*region));
     }
     // Edge coordinates: the image spans 0 to its width, so edge = pixel centre + 0.5.

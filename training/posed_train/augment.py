@@ -8,10 +8,14 @@ from .network import INPUT_SIZE
 
 
 class Augmenter:
-    """Turns patches into network inputs. `backgrounds` are RGB images at least INPUT_SIZE on each side."""
+    """Turns patches into network inputs. `backgrounds` are RGB images at least INPUT_SIZE on each side.
+
+    `strength` scales how often and how much everything varies. It starts at 1; lowering it towards the end of a
+    training lets the net settle on images like those it will see.
+    """
 
     def __init__(self, backgrounds: list[np.ndarray], rng: np.random.Generator):
-        self.backgrounds, self.rng = backgrounds, rng
+        self.backgrounds, self.rng, self.strength = backgrounds, rng, 1.0
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its keypoints `[N, 2]` in crop pixels."""
@@ -19,9 +23,9 @@ class Augmenter:
         crop = self.warp(patch.rgb, crop_from_patch)
         if patch.mask is not None and self.backgrounds:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
-            if self.rng.random() < 0.5:
+            if self.rng.random() < 0.5 * self.strength:
                 crop = crop * mask + self.random_background() * (1 - mask)
-        if self.backgrounds and self.rng.random() < 0.35:
+        if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)
         crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
         keypoints = patch.keypoints @ crop_from_patch[:, :2].T + crop_from_patch[:, 2]
@@ -29,7 +33,7 @@ class Augmenter:
 
     def random_affine(self) -> np.ndarray:
         rng = self.rng
-        angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 else rng.normal(0, np.radians(25))
+        angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 * self.strength else rng.normal(0, np.radians(25))
         side = PATCH_SIZE / PATCH_SCALE  # the larger box side, in patch pixels
         crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, 0.12))
         centre = PATCH_SIZE / 2 - 0.5 + side * np.array([truncated_normal(rng, 0.06) for _ in range(2)])
@@ -58,19 +62,20 @@ class Augmenter:
         return crop * (1 - blob[..., None]) + self.random_background() * blob[..., None]
 
     def vary_light(self, crop: np.ndarray) -> np.ndarray:
-        rng = self.rng
-        crop = 255 * (np.clip(crop, 0, 255) / 255) ** np.exp(rng.normal(0, 0.25))
+        rng, s = self.rng, self.strength
+        crop = 255 * (np.clip(crop, 0, 255) / 255) ** np.exp(rng.normal(0, 0.25 * s))
         grey = crop.mean(axis=2, keepdims=True)
-        crop = grey + (crop - grey) * rng.uniform(0.6, 1.3)
+        crop = grey + (crop - grey) * rng.uniform(1 - 0.4 * s, 1 + 0.3 * s)
         mean = crop.mean()
-        crop = mean + (crop - mean) * rng.uniform(0.65, 1.35)
-        return crop * rng.uniform(0.65, 1.35) * rng.uniform(0.88, 1.12, 3).astype(np.float32) + rng.normal(0, 8)
+        crop = mean + (crop - mean) * rng.uniform(1 - 0.35 * s, 1 + 0.35 * s)
+        tint = rng.uniform(1 - 0.12 * s, 1 + 0.12 * s, 3).astype(np.float32)
+        return crop * rng.uniform(1 - 0.35 * s, 1 + 0.35 * s) * tint + rng.normal(0, 8 * s)
 
     def vary_camera(self, crop: np.ndarray) -> np.ndarray:
-        rng = self.rng
-        if rng.random() < 0.4:
+        rng, s = self.rng, self.strength
+        if rng.random() < 0.4 * s:
             crop = cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.3, 1.6))
-        if rng.random() < 0.5:
+        if rng.random() < 0.5 * s:
             crop = crop + rng.uniform(1, 10) * rng.standard_normal(crop.shape, np.float32)
         return crop
 

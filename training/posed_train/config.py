@@ -16,7 +16,7 @@ class Config:
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
     held_out_scenes: int = 6  # last scenes of `photoreal`, kept for calibrating the covariances
     min_visible: float = 0.35
-    steps: int = 8000
+    steps: int = 12500
     batch: int = 32
     learning_rate: float = 1.5e-3
     seed: int = 1

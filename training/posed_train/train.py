@@ -7,6 +7,7 @@ import os
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from tqdm import tqdm
@@ -18,44 +19,51 @@ from .crops import Patch, cut_patch
 from .heatmap import Decode
 from .losses import heatmap_loss
 from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
-from .registration import Registration, project, register
+from .registration import project, register
 from .validate import Predict, predict_views, score
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
 EMA_DECAY = 0.998
 MAX_BACKGROUND_PX = 360
+FINAL_AUGMENTATION = 0.4
 
 
-class Data:
-    """The views of one object, registered as one component, and cut into patches."""
+class Views:
+    """The views of one object, registered as one component."""
 
     def __init__(self, config: Config, root: Path):
         photoreal = bop.read_views(root / config.photoreal, config.obj_id, config.min_visible)
-        scenes = sorted({view.scene for view in photoreal})
-        held_out = set(scenes[len(scenes) - config.held_out_scenes :])
         rasterised = (
             bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
             if config.rasterised
             else []
         )
-        views = photoreal + rasterised
-        self.registration = register(views, config.seed)
-        self.keypoints_from_object = (
-            np.linalg.inv(self.registration.camera_from_keypoints[0]) @ views[0].camera_from_object
-        )
-        self.held_out = [view for view in photoreal if view.scene in held_out]
+        self.all = photoreal + rasterised
+        self.photoreal_count = len(photoreal)
+        self.registration = register(self.all, config.seed)
+        first = self.registration.camera_from_keypoints[0]
+        self.keypoints_from_object = np.linalg.inv(first) @ self.all[0].camera_from_object
+        scenes = sorted({view.scene for view in photoreal})
+        self.held_out_scenes = set(scenes[len(scenes) - config.held_out_scenes :])
+        self.held_out = [view for view in photoreal if view.scene in self.held_out_scenes]
+
+
+class Data:
+    """The training views cut into patches."""
+
+    def __init__(self, config: Config, root: Path, views: Views):
         in_image = project(
-            np.stack([view.camera_matrix for view in views]),
-            self.registration.camera_from_keypoints,
-            self.registration.keypoints,
+            np.stack([view.camera_matrix for view in views.all]),
+            views.registration.camera_from_keypoints,
+            views.registration.keypoints,
         )
         self.photoreal: list[Patch] = []
         self.rasterised: list[Patch] = []
-        for index, view in enumerate(tqdm(views, desc=f"{config.name}: cutting crops", mininterval=5)):
-            if index >= len(photoreal):
+        for index, view in enumerate(tqdm(views.all, desc=f"{config.name}: cutting crops", mininterval=5)):
+            if index >= views.photoreal_count:
                 self.rasterised.append(cut_patch(view, in_image[index]))
-            elif view.scene not in held_out:
+            elif view.scene not in views.held_out_scenes:
                 self.photoreal.append(cut_patch(view, in_image[index]))
         self.backgrounds = read_backgrounds(root / config.backgrounds) if config.backgrounds else []
 
@@ -68,8 +76,6 @@ class Data:
 
 
 def read_backgrounds(folder: Path) -> list[np.ndarray]:
-    import cv2
-
     images = []
     for path in sorted(folder.glob("*.jpg")):
         image = bop.read_rgb(path)
@@ -155,23 +161,25 @@ class Trainer:
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Data]:
+def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Views]:
     """Trains (or goes on training) one object's net; `out` gets checkpoint.pt and log.csv."""
     out.mkdir(parents=True, exist_ok=True)
-    data = Data(config, root)
-    trainer = Trainer(config, len(data.registration.keypoints), init)
+    views = Views(config, root)
+    data = Data(config, root, views)
+    trainer = Trainer(config, len(views.registration.keypoints), init)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         trainer.resume(checkpoint)
     rng = np.random.default_rng([config.seed, trainer.step])
     augment = Augmenter(data.backgrounds, rng)
-    validator = Validator(config, root, data.registration, data.keypoints_from_object)
+    validator = Validator(config, root, views)
     losses, started = [], time.time()
     with (out / "log.csv").open("a", newline="") as log_file, tqdm(
         total=config.steps, initial=trainer.step, desc=config.name, mininterval=10
     ) as bar:
         log = csv.writer(log_file)
         while trainer.step < config.steps:
+            augment.strength = augmentation_strength(trainer.step / config.steps)
             losses.append(trainer.train_step(*data.batch(config.batch, augment, rng)))
             bar.update()
             if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
@@ -183,14 +191,19 @@ def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tu
                 if scores:
                     bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
                 losses = []
-    return trainer.average, data
+    return trainer.average, views
+
+
+def augmentation_strength(progress: float) -> float:
+    """Full for half of the training, then falling to FINAL_AUGMENTATION."""
+    return 1 - (1 - FINAL_AUGMENTATION) * max(0.0, min(1.0, (progress - 0.5) / 0.3))
 
 
 class Validator:
     """Scores a model on the validation split, if there is one."""
 
-    def __init__(self, config: Config, root: Path, registration: Registration, keypoints_from_object: np.ndarray):
-        self.registration, self.keypoints_from_object = registration, keypoints_from_object
+    def __init__(self, config: Config, root: Path, views: Views):
+        self.registration, self.keypoints_from_object = views.registration, views.keypoints_from_object
         self.views = (
             bop.read_views(root / config.validation, config.obj_id, min_visible=0.7) if config.validation else []
         )

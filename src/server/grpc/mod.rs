@@ -8,14 +8,9 @@ use super::App;
 use super::failure::{Failure, FailureKind};
 use crate::estimator::Work;
 use crate::geometry::Camera;
+use crate::proto;
 use proto::estimate_request::Camera as CameraChoice;
 pub(super) use proto::pose_service_server::PoseServiceServer;
-
-/// Generated from `proto/posed/v1/pose.proto`.
-#[expect(clippy::pedantic, reason = "generated code")]
-mod proto {
-    tonic::include_proto!("posed.v1");
-}
 
 /// Protocol overhead of a request beyond its image.
 const MESSAGE_OVERHEAD_BYTES: usize = 4096;

@@ -1,9 +1,9 @@
 //! Estimates to protobuf messages.
 
-use super::proto;
 use crate::estimator::{Answer, ObjectPose, SolvedPose};
 use crate::geometry::Pose;
 use crate::pnp::{Reason, Status};
+use crate::proto;
 
 impl From<Answer> for proto::EstimateResponse {
     fn from(answer: Answer) -> Self {
@@ -68,15 +68,7 @@ impl From<&Pose> for proto::Transform {
     fn from(pose: &Pose) -> Self {
         let [rotation_x, rotation_y, rotation_z, rotation_w] = pose.rotation_xyzw();
         let [translation_x_m, translation_y_m, translation_z_m] = pose.translation_m();
-        Self {
-            rotation_x,
-            rotation_y,
-            rotation_z,
-            rotation_w,
-            translation_x_m,
-            translation_y_m,
-            translation_z_m,
-        }
+        Self { rotation_x, rotation_y, rotation_z, rotation_w, translation_x_m, translation_y_m, translation_z_m }
     }
 }
 

@@ -1,0 +1,243 @@
+"""The detector: torchvision's FCOS with a small backbone, trained on the same BOP images as the keypoint nets.
+
+Input is the image fitted into 320 x 256 at the top left (`letterbox`), as the service does it.
+"""
+
+import csv
+import math
+import os
+import time
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+from torchvision.models.detection import FCOS
+from torchvision.models.detection.anchor_utils import AnchorGenerator
+from torchvision.models.detection.fcos import FCOSHead
+from torchvision.ops import box_iou
+from tqdm import tqdm
+
+from . import bop
+from .network import Encoder, conv_bn
+from .train import read_backgrounds
+
+WIDTH, HEIGHT = 320, 256  # multiples of the deepest stride, so that training pads nothing
+FILL = 114
+FEATURES = 64
+STRIDES = (8, 16)
+CHECKPOINT_EVERY = 250
+VALIDATE_EVERY = 1000
+MIN_VISIBLE = 0.2
+MIN_BOX_PX = 6  # in the network's input
+
+
+class Backbone(nn.Module):
+    """The keypoint net's encoder with a feature pyramid at strides 8 and 16."""
+
+    def __init__(self):
+        super().__init__()
+        self.out_channels = FEATURES
+        self.encoder = Encoder()
+        _, _, *widths = self.encoder.widths
+        self.lateral = nn.ModuleList(conv_bn(width, FEATURES, 1) for width in widths)
+        self.smooth = nn.ModuleList(conv_bn(FEATURES, FEATURES) for _ in STRIDES)
+
+    def forward(self, images: Tensor) -> OrderedDict[str, Tensor]:
+        levels = [lateral(f) for lateral, f in zip(self.lateral, self.encoder(images)[2:])]
+        for i in range(len(levels) - 2, -1, -1):
+            size = levels[i].shape[-2:]
+            levels[i] = levels[i] + F.interpolate(levels[i + 1], size=size, mode="nearest")
+        smoothed = (F.relu(smooth(F.relu(level))) for smooth, level in zip(self.smooth, levels))
+        return OrderedDict((str(i), level) for i, level in enumerate(smoothed))
+
+
+def build(classes: int) -> FCOS:
+    return FCOS(
+        Backbone(),
+        classes,
+        min_size=HEIGHT,
+        max_size=WIDTH,
+        anchor_generator=AnchorGenerator(tuple((s,) for s in STRIDES), ((1.0,),) * len(STRIDES)),
+        head=FCOSHead(FEATURES, 1, classes, num_convs=2),
+        score_thresh=0.05,
+        nms_thresh=0.5,
+        detections_per_img=32,
+        topk_candidates=300,
+    )
+
+
+def letterbox(image: np.ndarray) -> tuple[np.ndarray, float]:
+    """The image fitted at the top left, and its scale."""
+    scale = min(WIDTH / image.shape[1], HEIGHT / image.shape[0])
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    canvas = np.full((HEIGHT, WIDTH, *image.shape[2:]), FILL if image.ndim == 3 else 0, np.uint8)
+    canvas[: size[1], : size[0]] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return canvas, scale
+
+
+@dataclass
+class Sample:
+    image: np.ndarray  # [HEIGHT, WIDTH, 3]
+    objects: np.ndarray  # [HEIGHT, WIDTH] 255 where any object is visible
+    boxes: np.ndarray  # [N, 4] x1, y1, x2, y2 edges
+    labels: np.ndarray  # [N]
+
+
+def read_samples(split: Path, obj_ids: list[int]) -> list[Sample]:
+    images: dict[Path, list[tuple[int, bop.View]]] = {}
+    for label, obj_id in enumerate(obj_ids):
+        for view in bop.read_views(split, obj_id, MIN_VISIBLE):
+            images.setdefault(view.image_path, []).append((label, view))
+    samples = []
+    for path, views in tqdm(sorted(images.items()), desc=f"reading {split.name}", mininterval=5):
+        image, scale = letterbox(bop.read_rgb(path))
+        objects = np.zeros((HEIGHT, WIDTH), np.uint8)
+        for _, view in views:
+            mask = bop.read_mask(view)
+            if mask is not None:
+                objects = np.maximum(objects, letterbox(mask)[0])
+        boxes = np.array([[x, y, x + w, y + h] for _, view in views for x, y, w, h in [view.box]]) * scale
+        samples.append(Sample(image, objects, boxes, np.array([label for label, _ in views])))
+    return samples
+
+
+def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Generator) -> Sample:
+    image = sample.image
+    if backgrounds and rng.random() < 0.3:
+        background = cv2.resize(backgrounds[rng.integers(len(backgrounds))], (WIDTH, HEIGHT))
+        mask = sample.objects[..., None].astype(np.float32) / 255
+        image = (image * mask + background * (1 - mask)).astype(np.uint8)
+    scale = np.exp(rng.uniform(np.log(0.6), np.log(1.7)))
+    centre = np.array([WIDTH, HEIGHT]) / 2
+    shift = centre - scale * (centre + rng.uniform(-0.15, 0.15, 2) * [WIDTH, HEIGHT])
+    # The affine maps pixel centres; boxes are edges, half a pixel away.
+    affine = np.array([[scale, 0, shift[0] + (scale - 1) / 2], [0, scale, shift[1] + (scale - 1) / 2]])
+    border = rng.integers(0, 256, 3).tolist()
+    image = cv2.warpAffine(image, affine, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderValue=border)
+    full = sample.boxes.reshape(-1, 2, 2) * scale + shift
+    boxes = np.clip(full, 0, [WIDTH, HEIGHT]).reshape(-1, 4)
+    area = lambda b: np.prod(b.reshape(-1, 2, 2)[:, 1] - b.reshape(-1, 2, 2)[:, 0], axis=1)  # noqa: E731
+    sides = (boxes[:, 2:] - boxes[:, :2]).min(axis=1)
+    keep = (area(boxes) > 0.35 * area(full.reshape(-1, 4))) & (sides >= MIN_BOX_PX)
+    pixels = image.astype(np.float32)
+    pixels = 255 * (pixels / 255) ** np.exp(rng.normal(0, 0.2))
+    pixels = pixels * rng.uniform(0.7, 1.3) * rng.uniform(0.9, 1.1, 3).astype(np.float32)
+    if rng.random() < 0.3:
+        pixels = cv2.GaussianBlur(pixels, (0, 0), rng.uniform(0.3, 1.0))
+    if rng.random() < 0.4:
+        pixels = pixels + rng.uniform(1, 8) * rng.standard_normal(pixels.shape, np.float32)
+    return Sample(np.clip(pixels, 0, 255).astype(np.uint8), sample.objects, boxes[keep], sample.labels[keep])
+
+
+def to_tensor(images: list[np.ndarray]) -> Tensor:
+    return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
+
+
+class Trainer:
+    def __init__(self, classes: int, steps: int, learning_rate: float, encoder: Path | None):
+        torch.manual_seed(1)
+        self.model, self.step, self.steps, self.peak_rate = build(classes), 0, steps, learning_rate
+        if encoder is not None:
+            state = torch.load(encoder, weights_only=True)["average"]
+            prefix = "encoder."
+            own = {k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)}
+            self.model.backbone.encoder.load_state_dict(own)
+        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=learning_rate, weight_decay=1e-4)
+
+    def train_step(self, samples: list[Sample]) -> float:
+        self.model.train()
+        warm_up = min(1.0, (self.step + 1) / 200)
+        rate = self.peak_rate * warm_up * 0.5 * (1 + math.cos(math.pi * self.step / self.steps))
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        targets = [
+            {"boxes": torch.from_numpy(s.boxes).float().view(-1, 4), "labels": torch.from_numpy(s.labels).long()}
+            for s in samples
+        ]
+        with torch.autocast("cpu", torch.bfloat16):
+            losses = self.model(list(to_tensor([s.image for s in samples])), targets)
+        loss = sum(losses.values())
+        if not torch.isfinite(loss):
+            raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}")
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 5.0)
+        self.optimizer.step()
+        self.step += 1
+        return loss.item()
+
+    def save(self, path: Path) -> None:
+        temporary = path.with_suffix(".tmp")
+        torch.save(
+            {"step": self.step, "model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}, temporary
+        )
+        os.replace(temporary, path)
+
+    def resume(self, path: Path) -> None:
+        state = torch.load(path, weights_only=True)
+        self.step = state["step"]
+        self.model.load_state_dict(state["model"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+
+@torch.no_grad()
+def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[str, float]:
+    """Share of boxes found at IoU 0.5 with the right label, and false detections an image."""
+    model.eval()
+    found = total = false = 0
+    ious = []
+    for sample in samples:
+        detections = model(list(to_tensor([sample.image])))[0]
+        keep = detections["scores"] > threshold
+        boxes, labels = detections["boxes"][keep], detections["labels"][keep]
+        truth = torch.from_numpy(sample.boxes).float()
+        overlap = box_iou(truth, boxes) * (torch.from_numpy(sample.labels)[:, None] == labels[None])
+        best = overlap.max(dim=1).values if len(boxes) else torch.zeros(len(truth))
+        found += int((best > 0.5).sum())
+        ious += best[best > 0.5].tolist()
+        total += len(truth)
+        false += int((overlap.max(dim=0).values < 0.5).sum()) if len(boxes) else 0
+    return {
+        "recall_percent": 100 * found / total,
+        "false_per_image": false / len(samples),
+        "mean_iou": float(np.mean(ious)) if ious else 0.0,
+    }
+
+
+def train(
+    root: Path, out: Path, obj_ids: list[int], steps: int, batch: int = 8, encoder: Path | None = None
+) -> FCOS:
+    """Trains on `rendered/train` and `rasterised` below `root`, validates on `rendered/val`."""
+    out.mkdir(parents=True, exist_ok=True)
+    trainer = Trainer(len(obj_ids), steps, 1e-3, encoder)
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    pools = [read_samples(root / split, obj_ids) for split in ("rendered/train", "rasterised")]
+    validation = read_samples(root / "rendered/val", obj_ids)
+    backgrounds = read_backgrounds(root / "backgrounds")
+    rng = np.random.default_rng([1, trainer.step])
+    losses, started = [], time.time()
+    with (out / "log.csv").open("a", newline="") as log_file, tqdm(
+        total=steps, initial=trainer.step, desc="detector", mininterval=10
+    ) as bar:
+        log = csv.writer(log_file)
+        while trainer.step < steps:
+            chosen = [pools[i % 2][rng.integers(len(pools[i % 2]))] for i in range(batch)]
+            losses.append(trainer.train_step([augment(sample, backgrounds, rng) for sample in chosen]))
+            bar.update()
+            if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == steps:
+                trainer.save(checkpoint)
+                scores = recall(trainer.model, validation) if trainer.step % VALIDATE_EVERY == 0 else {}
+                log.writerow([trainer.step, f"{time.time() - started:.0f}", f"{np.mean(losses):.4f}", scores])
+                log_file.flush()
+                bar.set_postfix(loss=f"{np.mean(losses):.3f}")
+                if scores:
+                    bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.2f}" for k, v in scores.items()))
+                losses = []
+    return trainer.model

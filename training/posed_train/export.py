@@ -1,0 +1,265 @@
+"""Networks to ONNX, with pre- and post-processing inside the graph: raw 8-bit RGB in, a few numbers out.
+
+Weights are stored as 16-bit floats (a Cast follows each; ONNX Runtime folds it when it loads the file), so they are
+rounded to that precision before anything is measured.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import Tensor, nn
+
+from . import detector
+from .bop import View
+from .crops import CROP_SCALE
+from .heatmap import Decode
+from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
+from .registration import Registration, project
+from .validate import Predict, predict_views
+
+OPSET = 18
+MIN_STORED_AS_HALF = 1024  # elements: small tensors keep full precision
+PARITY_TOLERANCE_PX = 0.02
+
+
+class KeypointExport(nn.Module):
+    """`[B, S, S, 3]` uint8 -> keypoints, covariances, peaks."""
+
+    def __init__(self, net: KeypointNet):
+        super().__init__()
+        self.net, self.decode = net, Decode(INPUT_SIZE // HEATMAP_STRIDE)
+
+    def forward(self, crops: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return self.decode(self.net(crops.permute(0, 3, 1, 2).float() / 255))
+
+
+class DetectorExport(nn.Module):
+    """`[1, H, W, 3]` uint8 -> boxes `[1, A, 4]` (x1, y1, x2, y2 edges) and scores `[1, C, A]`, before suppression."""
+
+    def __init__(self, model):
+        super().__init__()
+        self.backbone, self.head = model.backbone, model.head
+        mean, std = (torch.tensor(v).view(1, 3, 1, 1) for v in (model.transform.image_mean, model.transform.image_std))
+        self.register_buffer("mean", mean)
+        self.register_buffer("std", std)
+        centres, sizes = [], []
+        for stride in detector.STRIDES:
+            rows, columns = (-(-side // stride) for side in (detector.HEIGHT, detector.WIDTH))
+            # As AnchorGenerator places them: a grid whose step is the image's side over the map's side, from 0.
+            y, x = torch.meshgrid(
+                torch.arange(rows) * (detector.HEIGHT // rows),
+                torch.arange(columns) * (detector.WIDTH // columns),
+                indexing="ij",
+            )
+            centres.append(torch.stack([x, y], dim=-1).view(-1, 2).float())
+            sizes.append(torch.full((rows * columns, 1), float(stride)))
+        self.register_buffer("centres", torch.cat(centres))
+        self.register_buffer("sizes", torch.cat(sizes))
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        pixels = (image.permute(0, 3, 1, 2).float() / 255 - self.mean) / self.std
+        outputs = self.head(list(self.backbone(pixels).values()))
+        scores = (outputs["cls_logits"].sigmoid() * outputs["bbox_ctrness"].sigmoid()).sqrt()
+        distances = outputs["bbox_regression"] * self.sizes
+        boxes = torch.cat([self.centres - distances[..., :2], self.centres + distances[..., 2:]], dim=-1)
+        return boxes, scores.transpose(1, 2)
+
+
+def round_to_half(module: nn.Module) -> None:
+    """Rounds the weights that will be stored as 16-bit floats."""
+    with torch.no_grad():
+        for value in module.parameters():
+            if value.numel() >= MIN_STORED_AS_HALF:
+                value.copy_(value.half().float())
+
+
+def fold_batch_norms(module: nn.Module) -> None:
+    """Folds every convolution's batch normalisation into its weights, in place; for inference only."""
+    module.eval()
+    for child in module.children():
+        fold_batch_norms(child)
+    if isinstance(module, nn.Sequential):
+        for i in range(len(module) - 1):
+            if isinstance(module[i], nn.Conv2d) and isinstance(module[i + 1], nn.BatchNorm2d):
+                module[i] = torch.nn.utils.fuse_conv_bn_eval(module[i], module[i + 1])
+                module[i + 1] = nn.Identity()
+
+
+def to_onnx(module: nn.Module, example: Tensor, outputs: list[str], dynamic_batch: bool) -> onnx.ModelProto:
+    batch = torch.export.Dim("batch", min=1, max=256)
+    program = torch.onnx.export(
+        module.eval(),
+        (example,),
+        input_names=["image"],
+        output_names=outputs,
+        opset_version=OPSET,
+        dynamo=True,
+        dynamic_shapes=({0: batch},) if dynamic_batch else None,
+        verbose=False,
+    )
+    return store_as_half(program.model_proto)
+
+
+def store_as_half(model: onnx.ModelProto) -> onnx.ModelProto:
+    casts = []
+    for weight in model.graph.initializer:
+        if weight.data_type != TensorProto.FLOAT or np.prod(weight.dims) < MIN_STORED_AS_HALF:
+            continue
+        values = numpy_helper.to_array(weight)
+        half = values.astype(np.float16)
+        if not np.array_equal(half.astype(np.float32), values):
+            continue  # not one of the rounded weights
+        name = weight.name
+        weight.CopyFrom(numpy_helper.from_array(half, name + "_half"))
+        casts.append(helper.make_node("Cast", [name + "_half"], [name], to=TensorProto.FLOAT))
+    nodes = list(model.graph.node)
+    del model.graph.node[:]
+    model.graph.node.extend(casts + nodes)
+    del model.graph.value_info[:]
+    del model.metadata_props[:]
+    for node in model.graph.node:
+        node.doc_string = ""
+        del node.metadata_props[:]
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def append_suppression(model: onnx.ModelProto, score_threshold: float = 0.05) -> onnx.ModelProto:
+    """Per-class non-maximum suppression; the output becomes `detections [1, N, 6]`."""
+    graph = model.graph
+    constants = {
+        "nms_most": np.array([8], np.int64),
+        "nms_iou": np.array([0.5], np.float32),
+        "nms_score": np.array([score_threshold], np.float32),
+        "axis_1": np.array([1], np.int64),
+        "box_column": np.array([2], np.int64),
+        "class_column": np.array([1], np.int64),
+        "squeeze_0": np.array([0], np.int64),
+    }
+    graph.initializer.extend(numpy_helper.from_array(v, k) for k, v in constants.items())
+    node = helper.make_node
+    graph.node.extend(
+        [
+            node("NonMaxSuppression", ["boxes", "scores", "nms_most", "nms_iou", "nms_score"], ["selected"]),
+            node("Gather", ["selected", "box_column"], ["box_index_2d"], axis=1),
+            node("Squeeze", ["box_index_2d", "axis_1"], ["box_index"]),
+            node("Squeeze", ["boxes", "squeeze_0"], ["boxes_2d"]),
+            node("Gather", ["boxes_2d", "box_index"], ["kept_boxes"], axis=0),
+            node("GatherND", ["scores", "selected"], ["kept_scores"]),
+            node("Unsqueeze", ["kept_scores", "axis_1"], ["kept_scores_2d"]),
+            node("Gather", ["selected", "class_column"], ["class_2d"], axis=1),
+            node("Cast", ["class_2d"], ["kept_classes"], to=TensorProto.FLOAT),
+            node("Concat", ["kept_boxes", "kept_scores_2d", "kept_classes"], ["rows"], axis=1),
+            node("Unsqueeze", ["rows", "squeeze_0"], ["detections"]),
+        ]
+    )
+    del graph.output[:]
+    graph.output.append(helper.make_tensor_value_info("detections", TensorProto.FLOAT, [1, "found", 6]))
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def session(path: Path) -> onnxruntime.InferenceSession:
+    return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+
+
+def predictor(path: Path) -> Predict:
+    """The exported keypoint net, as `validate` wants it."""
+    net = session(path)
+    return lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops}))
+
+
+def covariance_scale(predict: Predict, views: list[View], truth: np.ndarray) -> np.ndarray:
+    """One factor per keypoint, so that the mean squared Mahalanobis distance on held-out views is 2.
+
+    Gross errors are left out (the solver treats them as outliers): the factor follows from the median, which for a
+    chi-squared variable of 2 degrees of freedom is 2 ln 2.
+    """
+    predictions = predict_views(predict, views)
+    squared = []
+    for prediction, expected in zip(predictions, truth):
+        error = (prediction.keypoints - expected)[..., None]
+        covariance = prediction.covariances + 0.3**2 * np.eye(2)  # the solver's floor
+        squared.append((np.swapaxes(error, 1, 2) @ np.linalg.inv(covariance) @ error)[:, 0, 0])
+    return np.median(np.array(squared), axis=0) / (2 * np.log(2))
+
+
+def export_keypoints(
+    net: KeypointNet,
+    registration: Registration,
+    held_out: list[View],
+    held_out_truth: np.ndarray,
+    out: Path,
+    identity: dict,
+    training: dict,
+) -> None:
+    """Writes `keypoints.onnx` and `object.json`; refuses an export that differs from PyTorch."""
+    out.mkdir(parents=True, exist_ok=True)
+    module = KeypointExport(net)
+    fold_batch_norms(module)
+    round_to_half(module)
+    example = torch.randint(0, 256, (2, INPUT_SIZE, INPUT_SIZE, 3), dtype=torch.uint8)
+    path = out / "keypoints.onnx"
+    onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
+    with torch.no_grad():
+        wanted = module(example)[0].numpy()
+    apart = np.abs(predictor(path)(example.numpy())[0] - wanted).max()
+    if apart > PARITY_TOLERANCE_PX:
+        raise RuntimeError(f"{path}: ONNX Runtime and PyTorch differ by {apart:.3f} px")
+    manifest = {
+        **identity,
+        "model_sha256": sha256(path),
+        "virtual_keypoints_m": registration.keypoints.round(9).tolist(),
+        "diameter_m": round(registration.size_m, 5),
+        "crop_scale": CROP_SCALE,
+        "input": {"layout": "nhwc", "dtype": "uint8", "size": INPUT_SIZE},
+        "output": {"kind": "keypoints"},
+        "covariance_scale": covariance_scale(predictor(path), held_out, held_out_truth).round(4).tolist(),
+        "training": training,
+    }
+    (out / "object.json").write_text(json.dumps(manifest, indent=2) + "\n")
+
+
+def held_out_targets(views: list[View], keypoints_from_object: np.ndarray, keypoints: np.ndarray) -> np.ndarray:
+    """Where the keypoints truly are, `[V, N, 2]` image pixels."""
+    object_from_keypoints = np.linalg.inv(keypoints_from_object)
+    return np.stack(
+        [project(v.camera_matrix, v.camera_from_object @ object_from_keypoints, keypoints) for v in views]
+    )
+
+
+def export_detector(model, labels: list[str], out: Path, training: dict, score_threshold: float = 0.4) -> None:
+    """Writes `detector.onnx` and `detector.json`."""
+    out.mkdir(parents=True, exist_ok=True)
+    module = DetectorExport(model)
+    fold_batch_norms(module)
+    round_to_half(module)
+    example = torch.randint(0, 256, (1, detector.HEIGHT, detector.WIDTH, 3), dtype=torch.uint8)
+    path = out / "detector.onnx"
+    onnx.save(append_suppression(to_onnx(module, example, ["boxes", "scores"], dynamic_batch=False)), path)
+    session(path).run(["detections"], {"image": example.numpy()})
+    manifest = {
+        "format": "end2end",
+        "model_sha256": sha256(path),
+        "input": {
+            "layout": "nhwc",
+            "dtype": "uint8",
+            "width": detector.WIDTH,
+            "height": detector.HEIGHT,
+            "fill": detector.FILL,
+        },
+        "labels": labels,
+        "score_threshold": score_threshold,
+        "training": training,
+    }
+    (out / "detector.json").write_text(json.dumps(manifest, indent=2) + "\n")
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
