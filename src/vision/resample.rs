@@ -163,6 +163,23 @@ mod tests {
         }
     }
 
+    /// The trainer (`training/posed_train/crops.py`) made these files and is tested against them, too.
+    #[test]
+    fn crops_are_the_trainers() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/crop_parity");
+        let open = |name: &str| image::open(folder.join(name)).unwrap().into_rgb8();
+        let image = open("image.png");
+        for (name, size, [x, y, width, height]) in [
+            ("shrunk.png", 64, [20.5, 11.25, 150.0, 97.0]),
+            ("grown_beyond_the_border.png", 160, [150.0, 80.5, 60.0, 44.0]),
+        ] {
+            let region = BoundingBox { x, y, width, height };
+            let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, size).unwrap();
+            let worst = crop.rgb.iter().zip(open(name).as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(worst <= Some(1), "{name}: differs by {worst:?}");
+        }
+    }
+
     #[test]
     fn a_crop_beyond_the_image_is_black_there() {
         let image = map(100, 100);

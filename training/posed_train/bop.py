@@ -53,9 +53,7 @@ def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: i
     """All views of one object in a BOP split (a folder of scene folders), in a stable order."""
     views = []
     for scene_dir in sorted(p for p in split.iterdir() if (p / "scene_gt_info.json").exists()):
-        poses, infos, cameras = (
-            read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera")
-        )
+        poses, infos, cameras = (read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera"))
         for key in sorted(poses, key=int):
             for index, (pose, info) in enumerate(zip(poses[key], infos[key], strict=True)):
                 x, y, w, h = info["bbox_visib"]

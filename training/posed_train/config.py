@@ -1,12 +1,15 @@
-"""`train.toml`: all settings of one object's training. Paths in it are relative to the folder given by `--data`."""
+"""`train.toml`: all settings of one training. Paths in it are relative to the folder given by `--data`."""
 
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
+from typing import TypeVar
 
 
 @dataclass(frozen=True)
-class Config:
+class KeypointConfig:
+    """A keypoint net for one object."""
+
     name: str
     obj_id: int
     photoreal: str  # BOP split: half of every batch
@@ -22,9 +25,32 @@ class Config:
     seed: int = 1
 
 
-def load(path: Path) -> Config:
+@dataclass(frozen=True)
+class DetectorConfig:
+    """One detector for all objects."""
+
+    labels: list[str]
+    obj_ids: list[int]
+    photoreal: str
+    rasterised: str
+    validation: str
+    backgrounds: str = ""
+    steps: int = 3000
+    batch: int = 8
+    learning_rate: float = 1e-3
+    score_threshold: float = 0.4
+    seed: int = 1
+
+
+Config = TypeVar("Config", KeypointConfig, DetectorConfig)
+
+
+def load(path: Path, kind: type[Config]) -> Config:
     values = tomllib.loads(path.read_text())
-    unknown = set(values) - {field.name for field in fields(Config)}
+    unknown = set(values) - {field.name for field in fields(kind)}
     if unknown:
         raise ValueError(f"{path}: unknown setting {sorted(unknown)[0]!r}")
-    return Config(**values)
+    missing = {f.name for f in fields(kind) if f.default is MISSING} - set(values)
+    if missing:
+        raise ValueError(f"{path}: setting {sorted(missing)[0]!r} is missing")
+    return kind(**values)

@@ -23,8 +23,9 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop
+from .config import DetectorConfig
 from .network import Encoder, conv_bn
-from .train import read_backgrounds
+from .train import DEVICE, read_backgrounds
 
 WIDTH, HEIGHT = 320, 256  # multiples of the deepest stride, so that training pads nothing
 FILL = 114
@@ -135,31 +136,38 @@ def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Genera
 
 
 def to_tensor(images: list[np.ndarray]) -> Tensor:
-    return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
+    return torch.from_numpy(np.stack(images)).to(DEVICE).permute(0, 3, 1, 2).float() / 255
 
 
 class Trainer:
-    def __init__(self, classes: int, steps: int, learning_rate: float, encoder: Path | None):
-        torch.manual_seed(1)
-        self.model, self.step, self.steps, self.peak_rate = build(classes), 0, steps, learning_rate
+    """Holds everything a checkpoint must hold."""
+
+    def __init__(self, config: DetectorConfig, encoder: Path | None):
+        torch.manual_seed(config.seed)
+        self.config, self.step = config, 0
+        self.model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
-            state = torch.load(encoder, weights_only=True)["average"]
+            state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
             prefix = "encoder."
             own = {k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)}
             self.model.backbone.encoder.load_state_dict(own)
-        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=learning_rate, weight_decay=1e-4)
+        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 
     def train_step(self, samples: list[Sample]) -> float:
         self.model.train()
         warm_up = min(1.0, (self.step + 1) / 200)
-        rate = self.peak_rate * warm_up * 0.5 * (1 + math.cos(math.pi * self.step / self.steps))
+        cosine = 0.5 * (1 + math.cos(math.pi * self.step / self.config.steps))
+        rate = self.config.learning_rate * warm_up * cosine
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         targets = [
-            {"boxes": torch.from_numpy(s.boxes).float().view(-1, 4), "labels": torch.from_numpy(s.labels).long()}
-            for s in samples
+            {
+                "boxes": torch.from_numpy(sample.boxes).float().view(-1, 4).to(DEVICE),
+                "labels": torch.from_numpy(sample.labels).long().to(DEVICE),
+            }
+            for sample in samples
         ]
-        with torch.autocast("cpu", torch.bfloat16):
+        with torch.autocast(DEVICE.type, torch.bfloat16):
             losses = self.model(list(to_tensor([s.image for s in samples])), targets)
         loss = sum(losses.values())
         if not torch.isfinite(loss):
@@ -179,7 +187,7 @@ class Trainer:
         os.replace(temporary, path)
 
     def resume(self, path: Path) -> None:
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, map_location=DEVICE, weights_only=True)
         self.step = state["step"]
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -194,7 +202,7 @@ def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[s
     for sample in samples:
         detections = model(list(to_tensor([sample.image])))[0]
         keep = detections["scores"] > threshold
-        boxes, labels = detections["boxes"][keep], detections["labels"][keep]
+        boxes, labels = detections["boxes"][keep].cpu(), detections["labels"][keep].cpu()
         truth = torch.from_numpy(sample.boxes).float()
         overlap = box_iou(truth, boxes) * (torch.from_numpy(sample.labels)[:, None] == labels[None])
         best = overlap.max(dim=1).values if len(boxes) else torch.zeros(len(truth))
@@ -209,31 +217,32 @@ def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[s
     }
 
 
-def train(
-    root: Path, out: Path, obj_ids: list[int], steps: int, batch: int = 8, encoder: Path | None = None
-) -> FCOS:
-    """Trains on `rendered/train` and `rasterised` below `root`, validates on `rendered/val`."""
+def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = None) -> FCOS:
+    """Trains (or goes on training); `encoder` is a keypoint net's checkpoint to start from."""
     out.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(len(obj_ids), steps, 1e-3, encoder)
+    trainer = Trainer(config, encoder)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         trainer.resume(checkpoint)
-    pools = [read_samples(root / split, obj_ids) for split in ("rendered/train", "rasterised")]
-    validation = read_samples(root / "rendered/val", obj_ids)
-    backgrounds = read_backgrounds(root / "backgrounds")
-    rng = np.random.default_rng([1, trainer.step])
+    splits = [split for split in (config.photoreal, config.rasterised) if split]
+    pools = [read_samples(root / split, config.obj_ids) for split in splits]
+    validation = read_samples(root / config.validation, config.obj_ids) if config.validation else []
+    backgrounds = read_backgrounds(root / config.backgrounds) if config.backgrounds else []
+    rng = np.random.default_rng([config.seed, trainer.step])
     losses, started = [], time.time()
-    with (out / "log.csv").open("a", newline="") as log_file, tqdm(
-        total=steps, initial=trainer.step, desc="detector", mininterval=10
-    ) as bar:
+    with (
+        (out / "log.csv").open("a", newline="") as log_file,
+        tqdm(total=config.steps, initial=trainer.step, desc="detector", mininterval=10) as bar,
+    ):
         log = csv.writer(log_file)
-        while trainer.step < steps:
-            chosen = [pools[i % 2][rng.integers(len(pools[i % 2]))] for i in range(batch)]
+        while trainer.step < config.steps:
+            chosen = [pool[rng.integers(len(pool))] for i in range(config.batch) for pool in [pools[i % len(pools)]]]
             losses.append(trainer.train_step([augment(sample, backgrounds, rng) for sample in chosen]))
             bar.update()
-            if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == steps:
+            if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
                 trainer.save(checkpoint)
-                scores = recall(trainer.model, validation) if trainer.step % VALIDATE_EVERY == 0 else {}
+                validate = validation and trainer.step % VALIDATE_EVERY == 0
+                scores = recall(trainer.model, validation) if validate else {}
                 log.writerow([trainer.step, f"{time.time() - started:.0f}", f"{np.mean(losses):.4f}", scores])
                 log_file.flush()
                 bar.set_postfix(loss=f"{np.mean(losses):.3f}")

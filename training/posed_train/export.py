@@ -229,9 +229,7 @@ def export_keypoints(
 def held_out_targets(views: list[View], keypoints_from_object: np.ndarray, keypoints: np.ndarray) -> np.ndarray:
     """Where the keypoints truly are, `[V, N, 2]` image pixels."""
     object_from_keypoints = np.linalg.inv(keypoints_from_object)
-    return np.stack(
-        [project(v.camera_matrix, v.camera_from_object @ object_from_keypoints, keypoints) for v in views]
-    )
+    return np.stack([project(v.camera_matrix, v.camera_from_object @ object_from_keypoints, keypoints) for v in views])
 
 
 def export_detector(model, labels: list[str], out: Path, training: dict, score_threshold: float = 0.4) -> None:

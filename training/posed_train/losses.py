@@ -21,7 +21,7 @@ def heatmap_loss(logits: Tensor, keypoints: Tensor) -> Tensor:
     centres = cell_centres(logits.shape[-1]).to(keypoints)
     log_u, log_v = (-0.5 * ((centres - keypoints[..., i, None]) / TARGET_SIGMA_PX) ** 2 for i in (0, 1))
     target = (log_v[..., :, None] + log_u[..., None, :]).flatten(2).softmax(-1)
-    log_probability = logits.float().flatten(2).log_softmax(-1)
+    log_probability = logits.to(keypoints.dtype).flatten(2).log_softmax(-1)
     entropy = -(target * log_probability).sum(-1)
     probability = log_probability.exp().view(*logits.shape)
     mean = torch.stack([probability.sum(-2) @ centres, probability.sum(-1) @ centres], dim=-1)

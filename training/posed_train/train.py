@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from . import bop, metrics
 from .augment import Augmenter
-from .config import Config
+from .config import KeypointConfig
 from .crops import Patch, cut_patch
 from .heatmap import Decode
 from .losses import heatmap_loss
@@ -27,12 +27,13 @@ CHECKPOINT_EVERY = 250
 EMA_DECAY = 0.998
 MAX_BACKGROUND_PX = 360
 FINAL_AUGMENTATION = 0.4
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 class Views:
     """The views of one object, registered as one component."""
 
-    def __init__(self, config: Config, root: Path):
+    def __init__(self, config: KeypointConfig, root: Path):
         photoreal = bop.read_views(root / config.photoreal, config.obj_id, config.min_visible)
         rasterised = (
             bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
@@ -52,7 +53,7 @@ class Views:
 class Data:
     """The training views cut into patches."""
 
-    def __init__(self, config: Config, root: Path, views: Views):
+    def __init__(self, config: KeypointConfig, root: Path, views: Views):
         in_image = project(
             np.stack([view.camera_matrix for view in views.all]),
             views.registration.camera_from_keypoints,
@@ -72,7 +73,8 @@ class Data:
         samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
         crops, keypoints = zip(*(augment(sample) for sample in samples))
         images = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2).float() / 255
-        return images.contiguous(memory_format=torch.channels_last), torch.from_numpy(np.stack(keypoints)).float()
+        images = images.to(DEVICE).contiguous(memory_format=torch.channels_last)
+        return images, torch.from_numpy(np.stack(keypoints)).float().to(DEVICE)
 
 
 def read_backgrounds(folder: Path) -> list[np.ndarray]:
@@ -87,13 +89,13 @@ def read_backgrounds(folder: Path) -> list[np.ndarray]:
 
 
 def predictor(model: KeypointNet) -> Predict:
-    decode = Decode(INPUT_SIZE // HEATMAP_STRIDE)
+    decode = Decode(INPUT_SIZE // HEATMAP_STRIDE).to(DEVICE)
 
     @torch.no_grad()
     def predict(crops: np.ndarray):
         model.eval()
-        images = torch.from_numpy(crops.copy()).permute(0, 3, 1, 2).float() / 255
-        return tuple(output.numpy() for output in decode(model(images)))
+        images = torch.from_numpy(crops.copy()).to(DEVICE).permute(0, 3, 1, 2).float() / 255
+        return tuple(output.cpu().numpy() for output in decode(model(images)))
 
     return predict
 
@@ -101,12 +103,12 @@ def predictor(model: KeypointNet) -> Predict:
 class Trainer:
     """Holds everything a checkpoint must hold."""
 
-    def __init__(self, config: Config, keypoints: int, init: Path | None):
+    def __init__(self, config: KeypointConfig, keypoints: int, init: Path | None):
         torch.manual_seed(config.seed)
         self.config, self.step = config, 0
-        self.model = KeypointNet(keypoints).to(memory_format=torch.channels_last)
+        self.model = KeypointNet(keypoints).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
-            self.model.load_state_dict(torch.load(init, weights_only=True)["average"])
+            self.model.load_state_dict(torch.load(init, map_location=DEVICE, weights_only=True)["average"])
         self.average = copy.deepcopy(self.model)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 
@@ -118,7 +120,7 @@ class Trainer:
         self.model.train()
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate()
-        with torch.autocast("cpu", torch.bfloat16):
+        with torch.autocast(DEVICE.type, torch.bfloat16):
             logits = self.model(images)
         loss = heatmap_loss(logits, keypoints)
         if not torch.isfinite(loss):
@@ -154,14 +156,14 @@ class Trainer:
         os.replace(temporary, path)
 
     def resume(self, path: Path) -> None:
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, map_location=DEVICE, weights_only=True)
         self.step = state["step"]
         self.model.load_state_dict(state["model"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Views]:
+def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Views]:
     """Trains (or goes on training) one object's net; `out` gets checkpoint.pt and log.csv."""
     out.mkdir(parents=True, exist_ok=True)
     views = Views(config, root)
@@ -174,9 +176,10 @@ def train(config: Config, root: Path, out: Path, init: Path | None = None) -> tu
     augment = Augmenter(data.backgrounds, rng)
     validator = Validator(config, root, views)
     losses, started = [], time.time()
-    with (out / "log.csv").open("a", newline="") as log_file, tqdm(
-        total=config.steps, initial=trainer.step, desc=config.name, mininterval=10
-    ) as bar:
+    with (
+        (out / "log.csv").open("a", newline="") as log_file,
+        tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar,
+    ):
         log = csv.writer(log_file)
         while trainer.step < config.steps:
             augment.strength = augmentation_strength(trainer.step / config.steps)
@@ -202,7 +205,7 @@ def augmentation_strength(progress: float) -> float:
 class Validator:
     """Scores a model on the validation split, if there is one."""
 
-    def __init__(self, config: Config, root: Path, views: Views):
+    def __init__(self, config: KeypointConfig, root: Path, views: Views):
         self.registration, self.keypoints_from_object = views.registration, views.keypoints_from_object
         self.views = (
             bop.read_views(root / config.validation, config.obj_id, min_visible=0.7) if config.validation else []

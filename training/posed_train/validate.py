@@ -65,7 +65,9 @@ def score(
         pixels.append(np.median(np.linalg.norm(prediction.keypoints - expected, axis=1)))
         pose = solve_pose(keypoints, prediction)
         if pose is None:
-            add, rotation, translation = add + [np.inf], rotation + [180.0], translation + [np.inf]
+            add.append(np.inf)
+            rotation.append(180.0)
+            translation.append(np.inf)
             continue
         estimate = pose @ keypoints_from_object
         add.append(metrics.add(model, estimate, truth))

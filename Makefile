@@ -1,0 +1,44 @@
+# `make serve` and `make test` are all that is needed; each sets up what it uses.
+
+.PHONY: help serve test build onnxruntime lint bench fmt train-env train-test
+
+help: ## Lists the targets.
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
+
+onnxruntime: ## Puts ONNX Runtime into .onnxruntime/.
+	@scripts/fetch-onnxruntime.sh
+
+build: ## Builds the program.
+	cargo build --release --locked
+
+serve: onnxruntime build ## Serves the bundled models on ports 8080 (HTTP) and 9000 (gRPC).
+	@echo
+	@echo "Once it says 'http on', in another terminal:"
+	@echo "  curl --data-binary @samples/$(firstword $(notdir $(wildcard samples/*.jpg))) 'localhost:8080/v1/poses?camera=demo'"
+	@echo
+	target/release/posed serve --cameras samples
+
+test: onnxruntime ## Runs the unit, property and end-to-end tests.
+	cargo test --release --locked
+
+lint: ## Formatting and lints, as CI runs them.
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+
+fmt: ## Formats the code.
+	cargo fmt
+
+bench: onnxruntime ## Times the solver and the stages around the networks.
+	cargo bench --locked
+
+VENV := training/.venv
+$(VENV)/.done: training/requirements.txt training/pyproject.toml
+	python3 -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r training/requirements.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable training
+	touch $@
+
+train-env: $(VENV)/.done ## Installs the trainer.
+
+train-test: train-env ## Runs the trainer's tests.
+	cd training && .venv/bin/python -m pytest -q

@@ -1,0 +1,154 @@
+//! The commands of the real program: what they do, and what they say when something is wrong.
+
+mod support;
+
+use std::fs;
+use std::net::TcpListener;
+
+use serde_json::Value;
+use support::{assert_right, copy_of, explanation, root, run, samples};
+
+const SCENE: &str = "tests/data/scene";
+
+#[test]
+fn estimate_answers_every_sample_and_draws_it() {
+    for sample in samples() {
+        let folder = tempfile::tempdir().unwrap();
+        let overlay = folder.path().join("overlay.png");
+        let image = sample.file.to_str().unwrap();
+        let arguments = ["estimate", image, "--camera", "samples/demo.camera.json", "--json", "--overlay"];
+        let output = run(&[&arguments[..], &[overlay.to_str().unwrap()]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_right(&sample, &answer);
+        let (drawn, plain) = (image::open(overlay).unwrap().into_rgb8(), image::open(image).unwrap().into_rgb8());
+        assert_eq!(drawn.dimensions(), plain.dimensions());
+        let changed = drawn.pixels().zip(plain.pixels()).filter(|(a, b)| a != b).count();
+        assert!(changed > 200, "{changed} pixels drawn");
+    }
+}
+
+#[test]
+fn estimate_says_which_file_is_wrong() {
+    let camera = "samples/demo.camera.json";
+    let missing = run(&["estimate", "nowhere.jpg", "--camera", camera]);
+    assert!(explanation(&missing).contains("nowhere.jpg"));
+    let no_image = run(&["estimate", camera, "--camera", camera]);
+    assert!(explanation(&no_image).contains("JPEG, PNG or WebP"));
+    let no_camera = run(&["estimate", samples()[0].file.to_str().unwrap(), "--camera", "samples/poses.json"]);
+    assert!(explanation(&no_camera).contains("samples/poses.json"));
+}
+
+/// A calibration on an image that is not among the shipped references answers the samples right, too.
+#[test]
+fn calibrate_makes_a_reference_that_works() {
+    let reference = tempfile::tempdir().unwrap();
+    let folder = reference.path().to_str().unwrap();
+    for object in ["cube", "bracket"] {
+        let output = run(&["calibrate", object, "--scene", SCENE, "--image", "0", "--reference", folder]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(reference.path().join(format!("{object}.jpg")).is_file());
+    }
+    let sample = &samples()[0];
+    let image = sample.file.to_str().unwrap();
+    let output = run(&["estimate", image, "--camera", "samples/demo.camera.json", "--json", "--reference", folder]);
+    let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = answer["poses"].as_array().unwrap();
+    assert_eq!(found.len(), 2);
+}
+
+#[test]
+fn calibrate_refuses_what_is_not_there() {
+    let reference = tempfile::tempdir().unwrap();
+    let folder = reference.path().to_str().unwrap();
+    let attempt = |object: &str, scene: &str, image: &str| {
+        explanation(&run(&["calibrate", object, "--scene", scene, "--image", image, "--reference", folder]))
+    };
+    assert!(attempt("cube", SCENE, "7").contains("no image 7"));
+    assert!(attempt("cube", "samples", "0").contains("scene_camera.json"));
+    assert!(attempt("teapot", SCENE, "0").contains("teapot"));
+    assert_eq!(fs::read_dir(reference.path()).unwrap().count(), 0, "nothing half-written");
+}
+
+/// `serve` refuses to start, with these words.
+fn refuses_to_serve(arguments: &[&str], words: &str) {
+    let free = ["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0"];
+    let said = explanation(&run(&[&free[..], arguments].concat()));
+    assert!(said.contains(words), "{said}");
+}
+
+#[test]
+fn damaged_models_are_named() {
+    let damage = |file: &str, change: &dyn Fn(&mut Vec<u8>), words: &str| {
+        let models = copy_of("models");
+        let path = models.path().join(file);
+        let mut bytes = fs::read(&path).unwrap();
+        change(&mut bytes);
+        fs::write(&path, bytes).unwrap();
+        refuses_to_serve(&["--models", models.path().to_str().unwrap()], words);
+    };
+    damage("cube/keypoints.onnx", &|bytes| bytes[1000] ^= 0xFF, "sha256");
+    damage("detector/detector.onnx", &|bytes| bytes.truncate(5000), "sha256");
+    damage("cube/object.json", &|bytes| bytes.truncate(60), "cube/object.json");
+    let replace = |from: &'static str, to: &'static str| {
+        move |bytes: &mut Vec<u8>| *bytes = String::from_utf8_lossy(bytes).replace(from, to).into_bytes()
+    };
+    damage("cube/object.json", &replace("\"crop_scale\": 1.5", "\"crop_scale\": 1e9"), "'crop_scale'");
+    damage("cube/object.json", &replace("\"name\": \"cube\"", "\"name\": \"../cube\""), "'name'");
+    damage("cube/object.json", &replace("\"obj_id\"", "\"id\""), "`id`");
+    damage("detector/detector.json", &replace("end2end", "yolov8"), "yolov8");
+}
+
+#[test]
+fn a_file_that_is_no_network_is_named() {
+    let models = copy_of("models");
+    let network = models.path().join("cube/keypoints.onnx");
+    fs::write(&network, b"this is not a network").unwrap();
+    let manifest = models.path().join("cube/object.json");
+    let mut json: Value = serde_json::from_slice(&fs::read(&manifest).unwrap()).unwrap();
+    // sha256 of the text above, so that the check of the hash passes.
+    json["model_sha256"] = "c7b0c3ac7fbf1d2cc8ba2e4cd5d2d0ff6ef3a8b2b8f2f8f3c9a8e3a4d5b6c7d8".into();
+    fs::write(&manifest, json.to_string()).unwrap();
+    let folder = models.path().to_str().unwrap();
+    let said = explanation(&run(&["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--models", folder]));
+    let found = said.split("has sha256 ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
+    json["model_sha256"] = found.into();
+    fs::write(&manifest, json.to_string()).unwrap();
+    refuses_to_serve(&["--models", folder], "cannot load this network");
+}
+
+#[test]
+fn missing_models_are_named() {
+    refuses_to_serve(&["--models", "nowhere"], "nowhere/detector/detector.json");
+    let models = copy_of("models");
+    fs::remove_file(models.path().join("cube/keypoints.onnx")).unwrap();
+    refuses_to_serve(&["--models", models.path().to_str().unwrap()], "cube/keypoints.onnx");
+}
+
+#[test]
+fn a_reference_for_another_model_is_refused() {
+    let reference = copy_of("reference");
+    let path = reference.path().join("cube.json");
+    let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    json["keypoint_model_sha256"] = "0".repeat(64).into();
+    fs::write(&path, json.to_string()).unwrap();
+    refuses_to_serve(&["--reference", reference.path().to_str().unwrap()], "posed calibrate cube");
+}
+
+#[test]
+fn a_port_in_use_is_named() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let said = explanation(&run(&["serve", "--http", &address, "--grpc", "127.0.0.1:0"]));
+    assert!(said.contains(&address) && said.contains("--http"), "{said}");
+}
+
+#[test]
+fn a_missing_runtime_is_explained() {
+    let output = support::posed(&["serve"]).env("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so").output().unwrap();
+    let said = explanation(&output);
+    assert!(said.contains("/nowhere/libonnxruntime.so") && said.contains("make onnxruntime"), "{said}");
+    let wrong = root().join("Cargo.toml");
+    let output = support::posed(&["serve"]).env("ORT_DYLIB_PATH", wrong).output().unwrap();
+    assert!(explanation(&output).contains("not a usable ONNX Runtime library"));
+}

@@ -1,0 +1,197 @@
+//! Runs the real program on the shipped models.
+#![allow(dead_code, reason = "each test file uses a part of this")]
+
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use nalgebra::Vector3;
+use posed::geometry::Pose;
+use serde::Deserialize;
+use serde_json::Value;
+
+pub const CAMERA: &str = "fx=600&fy=600&cx=319.5&cy=239.5";
+const START_LIMIT: Duration = Duration::from_secs(60);
+
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The program, run in the repository so that it finds models, references and ONNX Runtime where users have them.
+pub fn posed(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_posed"));
+    command.current_dir(root()).args(arguments);
+    command
+}
+
+pub fn run(arguments: &[&str]) -> Output {
+    posed(arguments).output().unwrap()
+}
+
+/// A failed run's one line of explanation.
+pub fn explanation(output: &Output) -> String {
+    assert!(!output.status.success(), "should have failed");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    stderr
+}
+
+/// A running server on free ports, killed when dropped.
+pub struct Server {
+    child: Child,
+    pub http: SocketAddr,
+    pub grpc: SocketAddr,
+}
+
+impl Server {
+    pub fn start(arguments: &[&str]) -> Self {
+        let mut child = posed(&["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--cameras", "samples"])
+            .args(arguments)
+            .env("NO_COLOR", "1")
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let mut seen = String::new();
+        let mut address = |protocol: &str| {
+            let start = Instant::now();
+            loop {
+                assert!(start.elapsed() < START_LIMIT, "no '{protocol} on' line: {seen}");
+                let Some(Ok(line)) = lines.next() else { panic!("the server ended: {seen}") };
+                seen += &format!("{line}\n");
+                if let Some((_, address)) = line.split_once(&format!("{protocol} on ")) {
+                    return address.trim().parse().unwrap();
+                }
+            }
+        };
+        let (http, grpc) = (address("http"), address("grpc"));
+        // Someone must go on reading, or the server would block on a full pipe.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { child, http, grpc }
+    }
+
+    pub fn url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.http)
+    }
+
+    pub fn signal(&self, signal: &str) {
+        let status = Command::new("kill").args([signal, &self.child.id().to_string()]).status().unwrap();
+        assert!(status.success());
+    }
+
+    pub fn wait(&mut self, limit: Duration) -> ExitStatus {
+        let start = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(start.elapsed() < limit, "the server did not end");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A sample image with what is known of it.
+pub struct Sample {
+    pub file: PathBuf,
+    pub objects: Vec<KnownObject>,
+}
+
+#[derive(Deserialize)]
+struct SamplesFile {
+    models: std::collections::BTreeMap<String, KnownModel>,
+    images: std::collections::BTreeMap<String, Vec<KnownObject>>,
+}
+
+#[derive(Clone, Deserialize)]
+pub struct KnownModel {
+    diameter_m: f64,
+    /// Sides of the box around the object, centred on its origin.
+    box_m: [f64; 3],
+}
+
+#[derive(Deserialize)]
+pub struct KnownObject {
+    pub object: String,
+    rotation_xyzw: [f64; 4],
+    translation_m: [f64; 3],
+    #[serde(skip)]
+    model: Option<KnownModel>,
+}
+
+pub fn samples() -> Vec<Sample> {
+    let text = std::fs::read_to_string(root().join("samples/poses.json")).unwrap();
+    let file: SamplesFile = serde_json::from_str(&text).unwrap();
+    let images = file.images.into_iter().map(|(name, mut objects)| {
+        for known in &mut objects {
+            known.model = Some(file.models[&known.object].clone());
+        }
+        Sample { file: root().join("samples").join(name), objects }
+    });
+    images.collect()
+}
+
+impl KnownObject {
+    /// Mean distance of the corners of the object's box under the true and the answered pose, over the diameter: what
+    /// ADD measures, on the points where an error shows most.
+    pub fn error(&self, rotation_xyzw: [f64; 4], translation_m: [f64; 3]) -> f64 {
+        let model = self.model.as_ref().unwrap();
+        let truth = Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap();
+        let answer = Pose::from_quaternion_xyzw(rotation_xyzw, translation_m).unwrap();
+        let distances = (0..8).map(|k| {
+            let corner = Vector3::from_fn(|axis, _| (f64::from(k >> axis & 1) - 0.5) * model.box_m[axis]);
+            (truth.transform(&corner) - answer.transform(&corner)).norm()
+        });
+        distances.sum::<f64>() / 8.0 / model.diameter_m
+    }
+}
+
+/// Checks an answer's JSON against what is known of the image.
+pub fn assert_right(sample: &Sample, answer: &Value) {
+    for known in &sample.objects {
+        let poses = answer["poses"].as_array().unwrap();
+        let found: Vec<_> = poses.iter().filter(|pose| pose["object"] == known.object.as_str()).collect();
+        let best = found.first().unwrap_or_else(|| panic!("{}: no {}", sample.file.display(), known.object));
+        let transform = &best["camera_from_object"];
+        let rotation = serde_json::from_value(transform["rotation_xyzw"].clone()).unwrap();
+        let translation = serde_json::from_value(transform["translation_m"].clone()).unwrap();
+        let error = known.error(rotation, translation);
+        assert!(error < 0.1, "{} {}: {error:.3} of the diameter", sample.file.display(), known.object);
+        assert_ne!(best["status"], "rejected");
+    }
+}
+
+/// A copy of a folder of the repository that a test may damage.
+pub fn copy_of(folder: &str) -> tempfile::TempDir {
+    let copy = tempfile::tempdir().unwrap();
+    let mut pending = vec![(root().join(folder), copy.path().to_path_buf())];
+    while let Some((from, to)) = pending.pop() {
+        std::fs::create_dir_all(&to).unwrap();
+        for entry in std::fs::read_dir(from).unwrap() {
+            let path = entry.unwrap().path();
+            let target = to.join(path.file_name().unwrap());
+            if path.is_dir() {
+                pending.push((path, target));
+            } else {
+                std::fs::copy(path, target).unwrap();
+            }
+        }
+    }
+    copy
+}
+
+pub fn read(path: &Path) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(path).unwrap().read_to_end(&mut bytes).unwrap();
+    bytes
+}

@@ -1,0 +1,84 @@
+"""The command `posed-train`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import cv2
+import torch
+
+from . import config, detector, export, train
+from .bop import DatasetError
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="posed-train", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    render = commands.add_parser("render", help="render random scenes of coloured meshes into a BOP-format folder")
+    render.add_argument("models", type=Path, help="BOP models folder: obj_NNNNNN.ply in mm, coloured vertices")
+    render.add_argument("out", type=Path)
+    render.add_argument("--scenes", type=int, default=520)
+    render.add_argument("--views", type=int, default=6)
+    render.add_argument("--first", type=int, default=0, help="number of the first scene, to split work over processes")
+    render.set_defaults(run=run_render)
+
+    keypoints = commands.add_parser("keypoints", help="train one object's keypoint net and export it")
+    detect = commands.add_parser("detector", help="train the detector of all objects and export it")
+    for command in (keypoints, detect):
+        command.add_argument("settings", type=Path, help="train.toml")
+        command.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+        command.add_argument("--runs", type=Path, default=Path("runs"), help="checkpoints and logs; resumed from")
+        command.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
+        command.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
+        command.add_argument("--threads", type=int, default=torch.get_num_threads())
+    keypoints.set_defaults(run=run_keypoints)
+    detect.set_defaults(run=run_detector)
+
+    arguments = parser.parse_args()
+    try:
+        arguments.run(arguments)
+    except (DatasetError, ValueError, FloatingPointError, OSError) as error:
+        sys.exit(f"posed-train: {error}")
+
+
+def run_render(arguments: argparse.Namespace) -> None:
+    from .render import render_dataset  # MuJoCo needs EGL, which training does not
+
+    render_dataset(arguments.models, arguments.out, arguments.scenes, arguments.views, arguments.first)
+
+
+def use_threads(count: int) -> None:
+    torch.set_num_threads(count)
+    cv2.setNumThreads(count)
+
+
+def run_keypoints(arguments: argparse.Namespace) -> None:
+    use_threads(arguments.threads)
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    net, views = train.train(settings, arguments.data, arguments.runs / settings.name, arguments.init)
+    scores = train.Validator(settings, arguments.data, views)(net)
+    summary = {
+        "steps": settings.steps,
+        "views": len(views.all),
+        "relative_poses": "object",
+        "validation": {key: round(value, 2) for key, value in scores.items()},
+    }
+    targets = export.held_out_targets(views.held_out, views.keypoints_from_object, views.registration.keypoints)
+    identity = {"name": settings.name, "obj_id": settings.obj_id}
+    out = arguments.models / settings.name
+    export.export_keypoints(net.cpu(), views.registration, views.held_out, targets, out, identity, summary)
+    print(f"{out}: {summary}")
+
+
+def run_detector(arguments: argparse.Namespace) -> None:
+    use_threads(arguments.threads)
+    settings = config.load(arguments.settings, config.DetectorConfig)
+    model = detector.train(settings, arguments.data, arguments.runs / "detector", arguments.init)
+    scores = {}
+    if settings.validation:
+        scores = detector.recall(model, detector.read_samples(arguments.data / settings.validation, settings.obj_ids))
+    summary = {"steps": settings.steps, "validation": {key: round(value, 3) for key, value in scores.items()}}
+    out = arguments.models / "detector"
+    export.export_detector(model.cpu(), settings.labels, out, summary, settings.score_threshold)
+    print(f"{out}: {summary}")

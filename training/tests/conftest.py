@@ -1,0 +1,16 @@
+"""A tiny rendered data set, made once for all tests."""
+
+from pathlib import Path
+
+import pytest
+
+MODELS = Path(__file__).parents[1] / "demo" / "models"
+
+
+@pytest.fixture(scope="session")
+def rendered(tmp_path_factory) -> Path:
+    from posed_train.render import render_dataset
+
+    root = tmp_path_factory.mktemp("data")
+    render_dataset(MODELS, root / "train", scenes=4, views=4)
+    return root

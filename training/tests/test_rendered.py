@@ -1,0 +1,108 @@
+"""Everything from rendering to the exported networks, on a tiny set."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from posed_train import bop, config, detector, export, registration, train
+from tests.conftest import MODELS
+
+CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
+
+
+def test_poses_and_boxes_agree(rendered):
+    vertices = trimesh.load(MODELS / "obj_000002.ply", process=False).vertices * 1e-3
+    checked = 0
+    for view in bop.read_views(rendered / "train", 2, min_visible=0.99):
+        pixels = registration.project(view.camera_matrix, view.camera_from_object, vertices)
+        x, y, w, h = view.box
+        inside = pixels.min() > 1 and (pixels.max(0) < [638, 478]).all()
+        if inside:
+            corners = np.concatenate([pixels.min(0) - [x, y], pixels.max(0) - [x + w - 1, y + h - 1]])
+            assert np.abs(corners).max() < 2
+            checked += 1
+    assert checked > 0
+
+
+def test_registration_needs_relative_poses_only(rendered):
+    """Another object frame gives the same targets: the object poses cancel."""
+    views = bop.read_views(rendered / "train", 1, min_visible=0.3)
+    first = registration.register(views, seed=3)
+    elsewhere = np.eye(4)
+    elsewhere[:3, :3], elsewhere[:3, 3] = registration.random_rotation(9), [0.3, -0.2, 1.0]
+    moved = [
+        bop.View(**{**view.__dict__, "camera_from_object": view.camera_from_object @ elsewhere}) for view in views
+    ]
+    second = registration.register(moved, seed=3)
+    np.testing.assert_allclose(first.camera_from_keypoints, second.camera_from_keypoints, atol=1e-9)
+    np.testing.assert_allclose(first.keypoints, second.keypoints, atol=1e-9)
+
+
+def test_keypoints_surround_the_object(rendered):
+    views = bop.read_views(rendered / "train", 1, min_visible=0.9)
+    placed = registration.register(views, seed=3)
+    centre = placed.camera_from_keypoints[0][:3, 3]
+    assert np.linalg.norm(centre - views[0].camera_from_object[:3, 3]) < 0.01
+    assert 0.05 < placed.size_m < 0.11  # the cube's sides are 54 mm, its diagonal 94
+
+
+def test_missing_files_are_named(tmp_path):
+    scene = tmp_path / "000000"
+    scene.mkdir()
+    (scene / "scene_gt_info.json").write_text("{}")
+    with pytest.raises(bop.DatasetError, match=r"scene_gt\.json"):
+        bop.read_views(tmp_path, 1)
+
+
+def test_unknown_settings_are_named(tmp_path):
+    path = tmp_path / "train.toml"
+    path.write_text('name = "cube"\nobj_id = 1\nphotoreal = "train"\nlearningrate = 1\n')
+    with pytest.raises(ValueError, match="learningrate"):
+        config.load(path, config.KeypointConfig)
+
+
+def test_trains_resumes_and_exports(rendered, tmp_path):
+    run = tmp_path / "run"
+    views = train.Views(CUBE, rendered)
+    data = train.Data(CUBE, rendered, views)
+    trainer = train.Trainer(CUBE, 8, None)
+    rng = np.random.default_rng(0)
+    augment = train.Augmenter([], rng)
+    losses = [trainer.train_step(*data.batch(16, augment, rng)) for _ in range(60)]
+    assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.5
+
+    run.mkdir()
+    trainer.save(run / "checkpoint.pt")
+    net, _ = train.train(CUBE, rendered, run)
+    assert (run / "log.csv").read_text().startswith("70,")  # went on from step 60
+
+    out = tmp_path / "models" / "cube"
+    targets = export.held_out_targets(views.held_out, views.keypoints_from_object, views.registration.keypoints)
+    identity = {"name": "cube", "obj_id": 1}
+    # Raises where ONNX Runtime and PyTorch differ.
+    export.export_keypoints(net, views.registration, views.held_out, targets, out, identity, {})
+    manifest = json.loads((out / "object.json").read_text())
+    assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
+    assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0
+    crops = np.zeros((3, 128, 128, 3), np.uint8)
+    keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx")(crops)
+    assert keypoints.shape == (3, 8, 2) and covariances.shape == (3, 8, 2, 2) and peaks.shape == (3, 8)
+
+
+def test_exported_detector_agrees_with_torchvision(rendered, tmp_path):
+    settings = config.DetectorConfig(["cube", "link"], [1, 4], "train", "", "", steps=30, batch=4)
+    model = detector.train(settings, rendered, tmp_path / "run")
+    export.export_detector(model, settings.labels, tmp_path / "detector", {})
+    image = detector.letterbox(cv2.imread(str(rendered / "train/000000/rgb/000000.jpg"), cv2.IMREAD_COLOR_RGB))[0]
+    rows = export.session(tmp_path / "detector/detector.onnx").run(None, {"image": image[None]})[0][0]
+    model.eval()
+    expected = model(list(detector.to_tensor([image])))[0]
+    assert len(rows) > 0
+    best = rows[rows[:, 4].argmax()]
+    k = expected["scores"].argmax()
+    np.testing.assert_allclose(best[:4], expected["boxes"][k].detach().numpy(), atol=0.1)
+    np.testing.assert_allclose(best[4], expected["scores"][k].item(), atol=1e-3)
+    assert best[5] == expected["labels"][k].item()
