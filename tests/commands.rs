@@ -6,7 +6,7 @@ use std::fs;
 use std::net::TcpListener;
 
 use serde_json::Value;
-use support::{assert_right, copy_of, explanation, root, run, samples};
+use support::{assert_right, assert_within, copy_of, explanation, root, run, samples};
 
 const SCENE: &str = "tests/data/scene";
 
@@ -39,7 +39,7 @@ fn estimate_says_which_file_is_wrong() {
     assert!(explanation(&no_camera).contains("samples/poses.json"));
 }
 
-/// A calibration on an image that is not among the shipped references answers the samples right, too.
+/// A calibration on an image that is not among the shipped references works, too.
 #[test]
 fn calibrate_makes_a_reference_that_works() {
     let reference = tempfile::tempdir().unwrap();
@@ -53,8 +53,8 @@ fn calibrate_makes_a_reference_that_works() {
     let image = sample.file.to_str().unwrap();
     let output = run(&["estimate", image, "--camera", "samples/demo.camera.json", "--json", "--reference", folder]);
     let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let found = answer["poses"].as_array().unwrap();
-    assert_eq!(found.len(), 2);
+    // This reference image shows the objects smaller than the shipped ones do, so its offset is less exact.
+    assert_within(sample, &answer, 0.25);
 }
 
 #[test]

@@ -161,9 +161,7 @@ async fn a_shutdown_loses_no_accepted_request() {
     let mut server = Server::start(&[]);
     let image = read(&samples()[0].file);
     let (url, client) = (server.url(&format!("/v1/poses?{CAMERA}")), Client::new());
-    let requests: Vec<_> = (0..8)
-        .map(|_| tokio::spawn(client.post(&url).body(image.clone()).send()))
-        .collect();
+    let requests: Vec<_> = (0..8).map(|_| tokio::spawn(client.post(&url).body(image.clone()).send())).collect();
     // Enough for all to be accepted, not for all to be answered.
     tokio::time::sleep(Duration::from_millis(60)).await;
     server.signal("-TERM");

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod estimate;
+mod evaluate;
 mod serve;
 
 use std::error::Error;
@@ -27,6 +28,8 @@ enum Command {
     Estimate(estimate::Estimate),
     /// Measure an object's offset on a reference image with a known pose.
     Calibrate(calibrate::Calibrate),
+    /// Score objects on a BOP dataset with ground-truth boxes.
+    Evaluate(evaluate::Evaluate),
 }
 
 /// Where models lie and how they run.
@@ -64,6 +67,7 @@ impl Cli {
             Command::Serve(command) => command.run(),
             Command::Estimate(command) => command.run(),
             Command::Calibrate(command) => command.run(),
+            Command::Evaluate(command) => command.run(),
         }
     }
 }

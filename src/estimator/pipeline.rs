@@ -13,6 +13,8 @@ use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, letterbo
 
 /// More objects than this in one image are dropped, weakest first.
 const MAX_DETECTIONS: usize = 32;
+/// Boxes with a larger intersection over union are one object.
+const SAME_PLACE_OVERLAP: f64 = 0.7;
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
 /// The pose's centre may lie this far from the box's centre, in larger box sides.
@@ -185,7 +187,20 @@ fn detect(detector: &mut Detector, resizer: &mut Resizer, image: &RgbImage) -> R
         .collect();
     detections.sort_by(|a, b| b.score.total_cmp(&a.score));
     detections.truncate(MAX_DETECTIONS);
-    Ok(detections)
+    Ok(one_per_place(&detections))
+}
+
+/// Drops what overlaps a stronger detection almost wholly. The network suppresses such boxes within a class; two classes
+/// claiming one place are one object, too.
+fn one_per_place(strongest_first: &[Detection]) -> Vec<Detection> {
+    let mut kept: Vec<Detection> = Vec::new();
+    for detection in strongest_first {
+        let taken = kept.iter().any(|k| k.bounding_box.overlap(&detection.bounding_box) > SAME_PLACE_OVERLAP);
+        if !taken {
+            kept.push(*detection);
+        }
+    }
+    kept
 }
 
 fn predict_keypoints(

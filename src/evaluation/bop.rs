@@ -11,13 +11,15 @@ use crate::geometry::{Camera, CameraError, Pose, PoseError};
 use crate::model::{ManifestError, read_json};
 use crate::vision::BoundingBox;
 
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
+pub(super) const METRES_PER_MILLIMETRE: f64 = 1e-3;
 
 /// A scene folder that cannot be read.
 #[derive(Debug, Error)]
 pub enum BopError {
     #[error(transparent)]
     File(#[from] ManifestError),
+    #[error("cannot read {}: {source}", path.display())]
+    Folder { path: PathBuf, source: std::io::Error },
     #[error("{}: no image {image_id}", path.display())]
     NoImage { path: PathBuf, image_id: u32 },
     #[error("{}: image {image_id} is listed but there is no rgb/{image_id:06}.jpg or .png", path.display())]
@@ -57,6 +59,32 @@ struct PoseEntry {
 struct InfoEntry {
     bbox_visib: [f64; 4],
     visib_fract: f64,
+}
+
+/// The scene folders of a split, in order.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn scenes(split: &Path) -> Result<Vec<PathBuf>, BopError> {
+    let unreadable = |source| BopError::Folder { path: split.into(), source };
+    let mut scenes = Vec::new();
+    for entry in std::fs::read_dir(split).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        if path.join("scene_gt.json").is_file() {
+            scenes.push(path);
+        }
+    }
+    scenes.sort();
+    Ok(scenes)
+}
+
+/// Numbers of the images of a scene that have ground truth, in order.
+///
+/// # Errors
+/// When `scene_gt.json` cannot be read.
+pub fn image_ids(scene: &Path) -> Result<Vec<u32>, BopError> {
+    let images: BTreeMap<u32, serde::de::IgnoredAny> = read_json(&scene.join("scene_gt.json"))?;
+    Ok(images.into_keys().collect())
 }
 
 /// Reads one image's path, camera and objects from a scene folder.

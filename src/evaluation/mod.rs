@@ -1,5 +1,9 @@
-//! BOP datasets: ground truth in.
+//! BOP datasets: ground truth in, accuracy out.
 
 mod bop;
+mod mesh;
+mod metrics;
 
-pub use bop::{BopError, GroundTruth, read_image};
+pub use bop::{BopError, GroundTruth, image_ids, read_image, scenes};
+pub use mesh::{MeshError, ObjectModel};
+pub use metrics::{PoseError, Score, add};

@@ -22,6 +22,16 @@ impl BoundingBox {
         self.width.max(self.height)
     }
 
+    /// Intersection over union with another box, 0..1.
+    #[must_use]
+    pub fn overlap(&self, other: &Self) -> f64 {
+        let shared = |a: f64, a_size: f64, b: f64, b_size: f64| ((a + a_size).min(b + b_size) - a.max(b)).max(0.0);
+        let intersection =
+            shared(self.x, self.width, other.x, other.width) * shared(self.y, self.height, other.y, other.height);
+        let union = self.width * self.height + other.width * other.height - intersection;
+        if union > 0.0 { intersection / union } else { 0.0 }
+    }
+
     /// The centre, in pixel coordinates (centres of pixels at integers).
     #[must_use]
     pub fn centre(&self) -> Vector2<f64> {
@@ -187,6 +197,14 @@ mod tests {
         let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, 64).unwrap();
         assert_eq!(pixel(&crop, 64, 2, 32), [0, 0, 0]);
         assert_eq!(pixel(&crop, 64, 62, 32)[2], 77);
+    }
+
+    #[test]
+    fn overlap_is_intersection_over_union() {
+        let at = |x: f64| BoundingBox { x, y: 0.0, width: 10.0, height: 4.0 };
+        assert_eq!(at(0.0).overlap(&at(0.0)), 1.0);
+        assert!((at(0.0).overlap(&at(5.0)) - 20.0 / 60.0).abs() < 1e-12);
+        assert_eq!(at(0.0).overlap(&at(30.0)), 0.0);
     }
 
     #[test]
