@@ -1,4 +1,5 @@
 //! Time of one robust pose solve, with covariance and alternatives.
+#![allow(clippy::expect_used, reason = "a bench fails by panicking")]
 
 use std::hint::black_box;
 

@@ -1,1 +1,76 @@
-fn main() {}
+//! What a 640x480 JPEG with four objects costs outside the networks: decoding, resampling, solving, the answer's JSON.
+
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Duration;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use fast_image_resize::Resizer;
+use nalgebra::{Matrix2, Vector2, Vector3};
+use posed::estimator::{Answer, Detection, Estimate, ObjectPose, Report, SolvedPose, Timings};
+use posed::geometry::{Camera, Covariance6, Pose};
+use posed::pnp::{Options, Status, solve};
+use posed::vision::{BoundingBox, ImageLimits, crop_square, decode, letterbox};
+
+fn stages(criterion: &mut Criterion) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let Ok(image) = decode(&bytes, &ImageLimits::default()) else { return };
+    let mut resizer = Resizer::new();
+    let region = BoundingBox { x: 200.0, y: 150.0, width: 110.0, height: 90.0 };
+
+    criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&bytes), &ImageLimits::default())));
+    criterion.bench_function("letterbox for the detector", |b| {
+        b.iter(|| letterbox(&mut resizer, black_box(&image), 320, 256, 114));
+    });
+    criterion.bench_function("cut four crops", |b| {
+        b.iter(|| {
+            for _ in 0..4 {
+                black_box(crop_square(&mut resizer, &image, &region, 1.5, 128)).ok();
+            }
+        });
+    });
+    let (points, pixels) = problem();
+    let Ok(camera) = Camera::pinhole(600.0, 600.0, 319.5, 239.5) else { return };
+    criterion.bench_function("solve four poses", |b| {
+        b.iter(|| {
+            for _ in 0..4 {
+                black_box(solve(&points, &pixels, &[Matrix2::identity(); 8], &camera, &Options::default())).ok();
+            }
+        });
+    });
+    criterion.bench_function("write the answer", |b| b.iter(|| serde_json::to_vec(&Report::from(answer(region)))));
+}
+
+fn problem() -> (Vec<Vector3<f64>>, Vec<Vector2<f64>>) {
+    let points: Vec<_> =
+        (0..8).map(|k| Vector3::from_fn(|axis, _| if k >> axis & 1 == 1 { 0.03 } else { -0.03 })).collect();
+    let pixels =
+        points.iter().map(|p| Vector2::new(p.x - 0.3 * p.z, p.y + 0.2 * p.x) * 1000.0 + Vector2::new(250.0, 190.0));
+    let pixels = pixels.collect();
+    (points, pixels)
+}
+
+fn answer(bounding_box: BoundingBox) -> Answer {
+    let found = ObjectPose {
+        object: "cube".into(),
+        status: Status::Ok,
+        reasons: Vec::new(),
+        detection: Detection { object: 0, bounding_box, score: 0.9 },
+        pose: Some(SolvedPose {
+            camera_from_object: Pose::identity(),
+            covariance: Covariance6::identity(),
+            reprojection_rmse_px: 1.0,
+            inliers: 8,
+            keypoints: 8,
+            alternatives: Vec::new(),
+            weight: 1.0,
+        }),
+        diameter_m: 0.09,
+    };
+    let estimate = Estimate { width: 640, height: 480, poses: vec![found; 4], timings: Timings::default() };
+    Answer { estimate, queued: Duration::ZERO, decode: Duration::ZERO, total: Duration::ZERO }
+}
+
+criterion_group!(benches, stages);
+criterion_main!(benches);

@@ -1,4 +1,5 @@
 //! The commands of the real program: what they do, and what they say when something is wrong.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod support;
 

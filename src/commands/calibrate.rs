@@ -12,6 +12,7 @@ use crate::model::{KeypointModel, PoseFile, Reference, ReferenceView, write_atom
 use crate::vision::{ImageLimits, decode};
 
 #[derive(Args, Debug)]
+#[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Calibrate {
     /// Name of the object: its folder in the models folder.
     object: String,

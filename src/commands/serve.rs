@@ -12,6 +12,7 @@ use crate::server::{self, Cameras};
 use crate::vision::ImageLimits;
 
 #[derive(Args, Debug)]
+#[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Serve {
     #[command(flatten)]
     models: ModelArgs,

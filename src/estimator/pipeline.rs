@@ -176,7 +176,8 @@ fn detect(detector: &mut Detector, resizer: &mut Resizer, image: &RgbImage) -> R
             let first = Vector2::new(first.x.max(0.0), first.y.max(0.0));
             let last = Vector2::new(last.x.min(f64::from(image.width())), last.y.min(f64::from(image.height())));
             let size = last - first;
-            let object = (0..detector.manifest.labels.len()).find(|k| class == *k as f64)?;
+            // Never equal for a class that is no whole number.
+            let object = (0..detector.manifest.labels.len()).find(|k| (class - *k as f64).abs() < 1e-3)?;
             let usable = score >= detector.manifest.score_threshold && size.min() >= 2.0;
             usable.then_some(Detection {
                 object,
@@ -331,7 +332,6 @@ fn reprojection_rmse(
             camera.project(&solution.pose.transform(point)).map(|p| (p - pixel).norm_squared())
         })
         .collect();
-    #[expect(clippy::cast_precision_loss, reason = "at most 16")]
     let count = squares.len().max(1) as f64;
     (squares.iter().sum::<f64>() / count).sqrt()
 }

@@ -102,10 +102,11 @@ fn work_through(mut estimator: Estimator, mut receiver: mpsc::Receiver<Job>, lim
             let estimate = estimator.estimate(&image, &work.camera)?;
             Ok(Answer { estimate, queued, decode, total: arrived.elapsed() })
         }));
-        match answer {
+        if let Ok(answer) = answer {
             // A caller that has left meanwhile is no fault.
-            Ok(answer) => drop(reply.send(answer)),
-            Err(_) => tracing::error!("estimating panicked; the image is answered with an error"),
+            drop(reply.send(answer));
+        } else {
+            tracing::error!("estimating panicked; the image is answered with an error");
         }
     }
 }

@@ -82,6 +82,7 @@ pub fn scenes(split: &Path) -> Result<Vec<PathBuf>, BopError> {
 ///
 /// # Errors
 /// When `scene_gt.json` cannot be read.
+#[expect(clippy::zero_sized_map_values, reason = "skips the values of a JSON object")]
 pub fn image_ids(scene: &Path) -> Result<Vec<u32>, BopError> {
     let images: BTreeMap<u32, serde::de::IgnoredAny> = read_json(&scene.join("scene_gt.json"))?;
     Ok(images.into_keys().collect())

@@ -65,8 +65,7 @@ impl Camera {
             }
         }
         for (field, value) in [("cx", cx), ("cy", cy)] {
-            // NaN fails this comparison too.
-            if !(value.abs() < 1e5) {
+            if value.is_nan() || value.abs() >= 1e5 {
                 return Err(CameraError::PrincipalPoint { field, value });
             }
         }

@@ -138,7 +138,7 @@ impl KeypointManifest {
                 format!("has {count} points; {MIN_POINTS} to {MAX_POINTS} are needed"),
             ));
         }
-        let extreme = self.virtual_keypoints_m.iter().flatten().any(|v| !(v.abs() < 10.0));
+        let extreme = self.virtual_keypoints_m.iter().flatten().any(|v| v.is_nan() || v.abs() >= 10.0);
         if extreme {
             return Err(("virtual_keypoints_m", "has a coordinate beyond 10 m; are these millimetres?".into()));
         }
@@ -219,5 +219,10 @@ pub(crate) fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T
 }
 
 fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }

@@ -67,11 +67,11 @@ impl Runtime {
     /// When the bytes are not a network that ONNX Runtime can run.
     pub fn network(&self, name: &str, bytes: &[u8]) -> Result<Network, RuntimeError> {
         let session = (|| {
-            Ok(Session::builder(&self.environment)?
+            Session::builder(&self.environment)?
                 .with_intra_threads(self.threads)?
                 // A spinning pool burns a core between requests.
                 .with_intra_op_spinning(false)?
-                .commit_from_memory(bytes)?)
+                .commit_from_memory(bytes)
         })()
         .map_err(|error: ort::Error| RuntimeError::Load { name: name.into(), reason: error.to_string() })?;
         Ok(Network { name: name.into(), session })

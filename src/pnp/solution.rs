@@ -60,8 +60,8 @@ pub struct Solution {
     pub chi2: f64,
     /// `2 * inliers - 6`.
     pub degrees_of_freedom: usize,
-    inliers: [bool; MAX_POINTS],
-    points: usize,
+    pub(super) inliers: [bool; MAX_POINTS],
+    pub(super) points: usize,
     /// Posterior weight of `pose` among itself and the alternatives, 0..1.
     pub weight: f64,
     /// Other poses that were considered to the end, best first.
@@ -76,27 +76,6 @@ pub struct Alternative {
 }
 
 impl Solution {
-    pub(super) fn new(
-        pose: Pose,
-        covariance: Covariance6,
-        chi2: f64,
-        (inliers, points): ([bool; MAX_POINTS], usize),
-        weight: f64,
-        alternatives: [Option<Alternative>; 2],
-    ) -> Self {
-        let count = inliers.iter().filter(|inlier| **inlier).count();
-        Self {
-            pose,
-            covariance,
-            chi2,
-            degrees_of_freedom: (2 * count).saturating_sub(6),
-            inliers,
-            points,
-            weight,
-            alternatives,
-        }
-    }
-
     /// One entry for each point: whether it lies within the 99 % ellipse of its reprojection.
     #[must_use]
     pub fn inliers(&self) -> &[bool] {

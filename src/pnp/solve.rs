@@ -151,11 +151,19 @@ fn assemble(problem: &Problem, modes: &Ranking<MAX_MODES>) -> Result<Solution, P
     for (slot, (entry, weight)) in alternatives.iter_mut().zip(modes.entries.iter().zip(weights).skip(1)) {
         *slot = entry.map(|mode| Alternative { pose: mode.pose, weight });
     }
-    let dof = (2 * inliers.iter().filter(|i| **i).count()).saturating_sub(6).max(1);
-    #[expect(clippy::cast_precision_loss, reason = "at most 26")]
-    let inflation = (chi2 / dof as f64).max(1.0);
+    let degrees_of_freedom = (2 * inliers.iter().filter(|inlier| **inlier).count()).saturating_sub(6);
+    let inflation = (chi2 / degrees_of_freedom.max(1) as f64).max(1.0);
     let covariance = covariance_over_inliers(problem, &best.pose).ok_or(PnpError::NoPose)? * inflation;
-    Ok(Solution::new(best.pose, covariance, chi2, (inliers, problem.len()), weights[0], alternatives))
+    Ok(Solution {
+        pose: best.pose,
+        covariance,
+        chi2,
+        degrees_of_freedom,
+        inliers,
+        points: problem.len(),
+        weight: weights[0],
+        alternatives,
+    })
 }
 
 /// Inverse Gauss-Newton Hessian over the inliers; over all points where the inliers alone do not fix a pose.
@@ -189,7 +197,6 @@ impl Solution {
             reasons.push(Reason::PlanarAmbiguity);
             status = Status::Ambiguous;
         }
-        #[expect(clippy::cast_precision_loss, reason = "at most 26")]
         let reduced_chi2 = self.chi2 / self.degrees_of_freedom.max(1) as f64;
         if reduced_chi2 > options.max_reduced_chi2 {
             reasons.push(Reason::HighResidual);

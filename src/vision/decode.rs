@@ -53,9 +53,8 @@ pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeErro
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }
-    let format = match image::guess_format(bytes) {
-        Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)) => format,
-        Ok(_) | Err(_) => return Err(DecodeError::UnknownFormat),
+    let Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)) = image::guess_format(bytes) else {
+        return Err(DecodeError::UnknownFormat);
     };
     if format == ImageFormat::Jpeg && jpeg_is_truncated(bytes) {
         return Err(DecodeError::Truncated);
@@ -75,9 +74,13 @@ pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeErro
     if orientation != Orientation::NoTransforms {
         return Err(DecodeError::Orientation(orientation.to_exif()));
     }
-    let image = DynamicImage::from_decoder(decoder).map_err(|error| match error {
-        image::ImageError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => DecodeError::Truncated,
-        other => DecodeError::Damaged(other),
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| {
+        let at_end = |io: &std::io::Error| io.kind() == std::io::ErrorKind::UnexpectedEof;
+        if matches!(&error, image::ImageError::IoError(io) if at_end(io)) {
+            DecodeError::Truncated
+        } else {
+            DecodeError::Damaged(error)
+        }
     })?;
     Ok(image.into_rgb8())
 }
@@ -95,6 +98,8 @@ fn jpeg_is_truncated(bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "small test images; exact values")]
+
     use super::*;
 
     fn encoded(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {

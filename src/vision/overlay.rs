@@ -17,7 +17,8 @@ pub struct Mark {
 }
 
 const AXIS_COLOURS: [[u8; 3]; 3] = [[230, 30, 30], [30, 190, 40], [40, 90, 255]];
-const STROKE_PX: i32 = 1;
+/// Offsets of the thin lines that make up a stroke, pixels.
+const STROKE: [f32; 3] = [-1.0, 0.0, 1.0];
 
 /// Draws boxes and object axes (x red, y green, z blue) into an image.
 pub fn draw_marks(image: &mut RgbImage, camera: &Camera, marks: &[Mark]) {
@@ -61,9 +62,9 @@ fn draw_stroke(image: &mut RgbImage, from: Vector2<f64>, to: Vector2<f64>, colou
     if from.amax() > limit || to.amax() > limit {
         return;
     }
-    for dx in -STROKE_PX..=STROKE_PX {
-        for dy in -STROKE_PX..=STROKE_PX {
-            let shift = |p: Vector2<f64>| (p.x as f32 + dx as f32, p.y as f32 + dy as f32);
+    for dx in STROKE {
+        for dy in STROKE {
+            let shift = |p: Vector2<f64>| (p.x as f32 + dx, p.y as f32 + dy);
             imageproc::drawing::draw_line_segment_mut(image, shift(from), shift(to), Rgb(colour));
         }
     }

@@ -145,6 +145,8 @@ fn cut_padded(image: &RgbImage, first: Vector2<f64>, last: Vector2<f64>) -> RgbI
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "small test images; exact values")]
+
     use super::*;
     use image::Rgb;
 

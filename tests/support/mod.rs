@@ -13,7 +13,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 pub const CAMERA: &str = "fx=600&fy=600&cx=319.5&cy=239.5";
-const START_LIMIT: Duration = Duration::from_secs(60);
+const START_LIMIT: Duration = Duration::from_mins(1);
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -60,7 +60,8 @@ impl Server {
             loop {
                 assert!(start.elapsed() < START_LIMIT, "no '{protocol} on' line: {seen}");
                 let Some(Ok(line)) = lines.next() else { panic!("the server ended: {seen}") };
-                seen += &format!("{line}\n");
+                seen.push_str(&line);
+                seen.push('\n');
                 if let Some((_, address)) = line.split_once(&format!("{protocol} on ")) {
                     return address.trim().parse().unwrap();
                 }
