@@ -32,10 +32,12 @@ bench: onnxruntime ## Times the solver and the stages around the networks.
 	cargo bench --locked
 
 VENV := training/.venv
+UV := 0.13.9
 $(VENV)/.done: training/requirements.txt training/pyproject.toml
 	python3 -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r training/requirements.txt
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable training
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check uv==$(UV)
+	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python -r training/requirements.txt
+	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --no-deps --editable training
 	touch $@
 
 train-env: $(VENV)/.done ## Installs the trainer.

@@ -63,7 +63,7 @@ async fn bad_requests_have_their_codes_and_the_next_good_one_works() {
         assert!(status.message().contains(words), "{}", status.message());
     }
     let oversized = EstimateRequest { image: vec![0; 3_000_000], camera: Some(pinhole(600.0)) };
-    assert!(client.estimate(oversized).await.is_err());
+    assert_eq!(client.estimate(oversized).await.unwrap_err().code(), Code::OutOfRange);
     let good = EstimateRequest { image, camera: Some(pinhole(600.0)) };
     assert!(!client.estimate(good).await.unwrap().into_inner().poses.is_empty());
 }

@@ -17,6 +17,12 @@ const MAX_DETECTIONS: usize = 32;
 const SAME_PLACE_OVERLAP: f64 = 0.7;
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
+/// Reprojection error above this, in larger box sides, contradicts the pose.
+const MAX_RMSE: f64 = 0.08;
+/// A pose is loose when its translation's standard deviation passes this share of the object's diameter ...
+const MAX_SIGMA_TRANSLATION: f64 = 0.3;
+/// ... or its rotation's passes this angle.
+const MAX_SIGMA_ROTATION_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// The pose's centre may lie this far from the box's centre, in larger box sides.
 const MAX_CENTRE_SHIFT: f64 = 0.5;
 /// Larger box side over the object's extent at the pose's depth: smaller when foreshortened or occluded.
@@ -302,11 +308,23 @@ fn object_pose(
         status = Status::Rejected;
     }
     let (camera_from_object, covariance) = offset.apply(&solution.pose, &solution.covariance);
+    let reprojection_rmse_px = reprojection_rmse(manifest, prediction, &solution, camera);
+    if reprojection_rmse_px > MAX_RMSE * detection.bounding_box.extent() {
+        // Wide covariances excuse such residuals, but no pose follows from them.
+        if !reasons.contains(&Reason::HighResidual) {
+            reasons.push(Reason::HighResidual);
+        }
+        status = Status::Rejected;
+    }
+    if is_loose(&covariance, manifest.diameter_m) {
+        reasons.push(Reason::UncertainPose);
+        status = status.worse_of(Status::LowConfidence);
+    }
     let alternatives = solution.alternatives.iter().flatten();
     let pose = SolvedPose {
         camera_from_object,
         covariance,
-        reprojection_rmse_px: reprojection_rmse(manifest, prediction, &solution, camera),
+        reprojection_rmse_px,
         inliers: solution.inlier_count(),
         keypoints: prediction.pixels.len(),
         alternatives: alternatives.map(|a| (offset.apply(&a.pose, &solution.covariance).0, a.weight)).collect(),
@@ -344,6 +362,12 @@ fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &Bound
         let extent_px = camera.focal().mean() * diameter_m / centre.z;
         shift < MAX_CENTRE_SHIFT && BOX_TO_EXTENT.contains(&(region.extent() / extent_px))
     })
+}
+
+/// Whether a robot should not act on a pose with this covariance.
+fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
+    let sigma = |first: usize| covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
+    sigma(0) > MAX_SIGMA_TRANSLATION * diameter_m || sigma(3) > MAX_SIGMA_ROTATION_RAD
 }
 
 fn median(values: &[f64]) -> f64 {

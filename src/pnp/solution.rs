@@ -47,6 +47,8 @@ pub enum Reason {
     WeakKeypoints,
     /// No pose puts the keypoints in front of the camera.
     NoPose,
+    /// The evidence leaves the pose loose: see its covariance.
+    UncertainPose,
 }
 
 /// The pose of one problem and everything known about its quality.

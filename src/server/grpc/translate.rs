@@ -92,6 +92,7 @@ impl From<Reason> for proto::Reason {
             Reason::BoxMismatch => Self::BoxMismatch,
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
+            Reason::UncertainPose => Self::UncertainPose,
         }
     }
 }
