@@ -42,5 +42,5 @@ $(VENV)/.done: training/requirements.txt training/pyproject.toml
 
 train-env: $(VENV)/.done ## Installs the trainer.
 
-train-test: train-env ## Runs the trainer's tests.
-	cd training && .venv/bin/python -m pytest -q
+train-test: train-env ## Runs the trainer's lints and tests.
+	cd training && .venv/bin/ruff check . && .venv/bin/ruff format --check . && .venv/bin/python -m pytest -q

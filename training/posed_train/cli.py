@@ -1,4 +1,4 @@
-"""The command `posed-train`."""
+"""Trains the networks that posed serves, from images with known relative camera poses."""
 
 import argparse
 import sys

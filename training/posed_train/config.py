@@ -35,7 +35,7 @@ class DetectorConfig:
     rasterised: str
     validation: str
     backgrounds: str = ""
-    steps: int = 3000
+    steps: int = 5500
     batch: int = 8
     learning_rate: float = 1e-3
     score_threshold: float = 0.4

@@ -5,6 +5,8 @@ paper's network (section 3.1: ResNet-18, skip connections, N heatmaps) but keeps
 dilation, because dilated layers at stride 8 cost four times as much on a CPU.
 """
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -43,7 +45,7 @@ class Encoder(nn.Module):
         self.widths = widths
         self.stem = conv_bn(3, widths[0], 5, 2)
         self.stages = nn.ModuleList(
-            nn.Sequential(BasicBlock(a, b, 2), BasicBlock(b, b, 1)) for a, b in zip(widths, widths[1:])
+            nn.Sequential(BasicBlock(a, b, 2), BasicBlock(b, b, 1)) for a, b in pairwise(widths)
         )
 
     def forward(self, x: Tensor) -> list[Tensor]:

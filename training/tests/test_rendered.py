@@ -33,9 +33,7 @@ def test_registration_needs_relative_poses_only(rendered):
     first = registration.register(views, seed=3)
     elsewhere = np.eye(4)
     elsewhere[:3, :3], elsewhere[:3, 3] = registration.random_rotation(9), [0.3, -0.2, 1.0]
-    moved = [
-        bop.View(**{**view.__dict__, "camera_from_object": view.camera_from_object @ elsewhere}) for view in views
-    ]
+    moved = [bop.View(**{**view.__dict__, "camera_from_object": view.camera_from_object @ elsewhere}) for view in views]
     second = registration.register(moved, seed=3)
     np.testing.assert_allclose(first.camera_from_keypoints, second.camera_from_keypoints, atol=1e-9)
     np.testing.assert_allclose(first.keypoints, second.keypoints, atol=1e-9)
