@@ -74,11 +74,10 @@ fn mark(found: &ObjectPose) -> Mark {
 fn print_table(report: &Report) {
     println!("{:<12} {:<15} {:>6}  {:>26}  {:>9}", "object", "status", "score", "translation x y z (m)", "rmse (px)");
     for pose in &report.poses {
-        let status = format!("{:?}", pose.status);
         let (translation, rmse) = pose.solved.as_ref().map_or_else(Default::default, |solved| {
             let [x, y, z] = solved.camera_from_object.translation_m;
             (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.2}", solved.reprojection_rmse_px))
         });
-        println!("{:<12} {status:<15} {:>6.2}  {translation:>26}  {rmse:>9}", pose.object, pose.detection.score);
+        println!("{:<12} {:<15} {:>6.2}  {translation:>26}  {rmse:>9}", pose.object, pose.status, pose.detection.score);
     }
 }

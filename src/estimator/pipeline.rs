@@ -18,9 +18,9 @@ const SAME_PLACE_OVERLAP: f64 = 0.7;
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
 /// Reprojection error above this, in larger box sides, contradicts the pose.
-const MAX_RMSE: f64 = 0.08;
+const MAX_RMSE: f64 = 0.06;
 /// A pose is loose when its translation's standard deviation passes this share of the object's diameter ...
-const MAX_SIGMA_TRANSLATION: f64 = 0.3;
+const MAX_SIGMA_TRANSLATION: f64 = 0.25;
 /// ... or its rotation's passes this angle.
 const MAX_SIGMA_ROTATION_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// The pose's centre may lie this far from the box's centre, in larger box sides.
@@ -117,7 +117,7 @@ impl Estimator {
         Self { store, resizer: Resizer::new(), options: pnp::Options::default() }
     }
 
-    /// Finds all calibrated objects in an image. `camera` belongs to this image.
+    /// Finds all calibrated objects in an image, the most trusted poses first. `camera` belongs to this image.
     ///
     /// # Errors
     /// When the camera belongs to another image size, or a network fails.
@@ -142,6 +142,7 @@ impl Estimator {
             }
             timings.pose += start.elapsed();
         }
+        poses.sort_by(|a, b| a.status.cmp(&b.status).then(b.detection.score.total_cmp(&a.detection.score)));
         Ok(Estimate { width: image.width(), height: image.height(), poses, timings })
     }
 }
@@ -219,11 +220,12 @@ fn predict_keypoints(
     if boxes.is_empty() {
         return Ok(Vec::new());
     }
-    let KeypointManifest { crop_scale, input, covariance_scale, .. } = &model.manifest;
+    let KeypointManifest { crop_scale, crop_ensemble, input, covariance_scale, .. } = &model.manifest;
     let side = input.size as usize;
     let crops: Vec<Resampled> = boxes
         .iter()
-        .map(|region| crop_square(resizer, image, region, *crop_scale, input.size))
+        .flat_map(|region| crop_ensemble.iter().map(move |factor| (region, crop_scale * factor)))
+        .map(|(region, scale)| crop_square(resizer, image, region, scale, input.size))
         .collect::<Result<_, _>>()?;
     let rgb: Vec<u8> = crops.iter().flat_map(|crop| crop.rgb.iter().copied()).collect();
     let names = ["keypoints", "covariances", "peaks"];
@@ -237,20 +239,42 @@ fn predict_keypoints(
         }
     }
     let [keypoints, covariances, peaks] = &outputs;
-    let predictions = crops.iter().enumerate().map(|(row, crop)| {
-        let image_from_crop = crop.crop_from_image.inverse();
-        let slice = |values: &[f32], width: usize| -> Vec<f64> {
-            values[row * count * width..(row + 1) * count * width].iter().map(|v| f64::from(*v)).collect()
-        };
-        in_image(
-            &image_from_crop,
-            &slice(&keypoints.values, 2),
-            &slice(&covariances.values, 4),
-            slice(&peaks.values, 1),
-            covariance_scale,
-        )
-    });
-    Ok(predictions.collect())
+    let of_crops: Vec<KeypointPrediction> = crops
+        .iter()
+        .enumerate()
+        .map(|(row, crop)| {
+            let slice = |values: &[f32], width: usize| -> Vec<f64> {
+                values[row * count * width..(row + 1) * count * width].iter().map(|v| f64::from(*v)).collect()
+            };
+            in_image(
+                &crop.crop_from_image.inverse(),
+                &slice(&keypoints.values, 2),
+                &slice(&covariances.values, 4),
+                slice(&peaks.values, 1),
+                covariance_scale,
+            )
+        })
+        .collect();
+    Ok(of_crops.chunks_exact(crop_ensemble.len()).map(average).collect())
+}
+
+/// The mean over the crops of one box. Covariances are averaged, not reduced: the crops show the same pixels, and what
+/// averaging gains is part of the factors fitted on held-out images.
+fn average(of_crops: &[KeypointPrediction]) -> KeypointPrediction {
+    let share = (of_crops.len() as f64).recip();
+    let mut mean = KeypointPrediction {
+        pixels: vec![Vector2::zeros(); of_crops[0].pixels.len()],
+        covariances: vec![Matrix2::zeros(); of_crops[0].pixels.len()],
+        peaks: vec![0.0; of_crops[0].pixels.len()],
+    };
+    for crop in of_crops {
+        for k in 0..mean.pixels.len() {
+            mean.pixels[k] += crop.pixels[k] * share;
+            mean.covariances[k] += crop.covariances[k] * share;
+            mean.peaks[k] += crop.peaks[k] * share;
+        }
+    }
+    mean
 }
 
 /// Maps one crop's keypoints to image pixels, and scales their covariances by what held-out images showed.
@@ -301,7 +325,7 @@ fn object_pose(
     let (mut status, mut reasons) = solution.judge(options);
     if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
         reasons.push(Reason::WeakKeypoints);
-        status = status.worse_of(Status::LowConfidence);
+        status = status.max(Status::LowConfidence);
     }
     if !agrees_with_box(&solution.pose, manifest.diameter_m, &detection.bounding_box, camera) {
         reasons.push(Reason::BoxMismatch);
@@ -318,7 +342,7 @@ fn object_pose(
     }
     if is_loose(&covariance, manifest.diameter_m) {
         reasons.push(Reason::UncertainPose);
-        status = status.worse_of(Status::LowConfidence);
+        status = status.max(Status::LowConfidence);
     }
     let alternatives = solution.alternatives.iter().flatten();
     let pose = SolvedPose {

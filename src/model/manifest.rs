@@ -39,6 +39,10 @@ pub struct KeypointManifest {
     pub diameter_m: f64,
     /// Side of the square crop over the larger side of the detection box.
     pub crop_scale: f64,
+    /// The keypoints are averaged over crops of these sizes, as factors of `crop_scale`: a small network's errors differ
+    /// from one crop to the next. One crop by default.
+    #[serde(default = "one_crop")]
+    pub crop_ensemble: Vec<f64>,
     pub input: KeypointInput,
     pub output: KeypointOutput,
     /// One factor for each keypoint: the network's covariance times this is the true one on held-out images.
@@ -46,6 +50,10 @@ pub struct KeypointManifest {
     /// Where the network comes from; for people.
     #[serde(default)]
     pub training: serde_json::Value,
+}
+
+fn one_crop() -> Vec<f64> {
+    vec![1.0]
 }
 
 /// RGB crops `[B, size, size, 3]`, raw 8-bit.
@@ -148,6 +156,10 @@ impl KeypointManifest {
         }
         if !(1.0..=4.0).contains(&self.crop_scale) {
             return Err(("crop_scale", format!("is {}; it must lie between 1 and 4", self.crop_scale)));
+        }
+        let factors = &self.crop_ensemble;
+        if !(1..=8).contains(&factors.len()) || !factors.iter().all(|factor| (0.5..=2.0).contains(factor)) {
+            return Err(("crop_ensemble", format!("is {factors:?}; give 1 to 8 factors between 0.5 and 2")));
         }
         if !(16..=1024).contains(&self.input.size) {
             return Err(("input.size", format!("is {}; it must lie between 16 and 1024", self.input.size)));

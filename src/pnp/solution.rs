@@ -3,8 +3,8 @@ use serde::Serialize;
 use super::problem::MAX_POINTS;
 use crate::geometry::{Covariance6, Pose};
 
-/// How far a pose can be trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// How far a pose can be trusted, the most trusted first: of two judgements the greater one holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The evidence agrees with the pose and with no other.
@@ -17,17 +17,14 @@ pub enum Status {
     Rejected,
 }
 
-impl Status {
-    /// The one of two that is trusted less.
-    #[must_use]
-    pub fn worse_of(self, other: Self) -> Self {
-        let rank = |status| match status {
-            Self::Ok => 0,
-            Self::Ambiguous => 1,
-            Self::LowConfidence => 2,
-            Self::Rejected => 3,
-        };
-        if rank(other) > rank(self) { other } else { self }
+impl std::fmt::Display for Status {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.pad(match self {
+            Self::Ok => "ok",
+            Self::Ambiguous => "ambiguous",
+            Self::LowConfidence => "low_confidence",
+            Self::Rejected => "rejected",
+        })
     }
 }
 

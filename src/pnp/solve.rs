@@ -200,11 +200,11 @@ impl Solution {
         let reduced_chi2 = self.chi2 / self.degrees_of_freedom.max(1) as f64;
         if reduced_chi2 > options.max_reduced_chi2 {
             reasons.push(Reason::HighResidual);
-            status = status.worse_of(Status::LowConfidence);
+            status = status.max(Status::LowConfidence);
         }
         if self.inlier_count() < options.min_inliers {
             reasons.push(Reason::FewInliers);
-            status = if self.inlier_count() < 4 { Status::Rejected } else { Status::LowConfidence };
+            status = status.max(if self.inlier_count() < 4 { Status::Rejected } else { Status::LowConfidence });
         }
         (status, reasons)
     }

@@ -1,13 +1,14 @@
 //! Runs the real program on the shipped models.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses a part of this")]
 
+use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector3;
+use posed::evaluation::{ObjectModel, add};
 use posed::geometry::Pose;
 use serde::Deserialize;
 use serde_json::Value;
@@ -109,51 +110,27 @@ pub struct Sample {
 }
 
 #[derive(Deserialize)]
-struct SamplesFile {
-    models: std::collections::BTreeMap<String, KnownModel>,
-    images: std::collections::BTreeMap<String, Vec<KnownObject>>,
-}
-
-#[derive(Clone, Deserialize)]
-pub struct KnownModel {
-    diameter_m: f64,
-    /// Sides of the box around the object, centred on its origin.
-    box_m: [f64; 3],
-}
-
-#[derive(Deserialize)]
 pub struct KnownObject {
     pub object: String,
+    obj_id: u32,
     rotation_xyzw: [f64; 4],
     translation_m: [f64; 3],
-    #[serde(skip)]
-    model: Option<KnownModel>,
 }
 
 pub fn samples() -> Vec<Sample> {
     let text = std::fs::read_to_string(root().join("samples/poses.json")).unwrap();
-    let file: SamplesFile = serde_json::from_str(&text).unwrap();
-    let images = file.images.into_iter().map(|(name, mut objects)| {
-        for known in &mut objects {
-            known.model = Some(file.models[&known.object].clone());
-        }
-        Sample { file: root().join("samples").join(name), objects }
-    });
-    images.collect()
+    let images: BTreeMap<String, Vec<KnownObject>> = serde_json::from_str(&text).unwrap();
+    let samples = images.into_iter().map(|(name, objects)| Sample { file: root().join("samples").join(name), objects });
+    samples.collect()
 }
 
 impl KnownObject {
-    /// Mean distance of the corners of the object's box under the true and the answered pose, over the diameter: what
-    /// ADD measures, on the points where an error shows most.
+    /// ADD of an answer over the object's diameter.
     pub fn error(&self, rotation_xyzw: [f64; 4], translation_m: [f64; 3]) -> f64 {
-        let model = self.model.as_ref().unwrap();
+        let model = ObjectModel::read(&root().join("training/demo/models"), self.obj_id).unwrap();
         let truth = Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap();
         let answer = Pose::from_quaternion_xyzw(rotation_xyzw, translation_m).unwrap();
-        let distances = (0..8).map(|k| {
-            let corner = Vector3::from_fn(|axis, _| (f64::from(k >> axis & 1) - 0.5) * model.box_m[axis]);
-            (truth.transform(&corner) - answer.transform(&corner)).norm()
-        });
-        distances.sum::<f64>() / 8.0 / model.diameter_m
+        add(&model, &answer, &truth) / model.diameter_m
     }
 }
 

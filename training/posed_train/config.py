@@ -22,6 +22,8 @@ class KeypointConfig:
     steps: int = 12500
     batch: int = 32
     learning_rate: float = 1.5e-3
+    distance_weight: float = 0.05  # of the soft-argmax distance (px) beside the cross-entropy
+    augmentation: float = 1.0  # strength for the first half; it falls to 0.4 of this by 80 % of the steps
     seed: int = 1
 
 
@@ -35,7 +37,7 @@ class DetectorConfig:
     rasterised: str
     validation: str
     backgrounds: str = ""
-    steps: int = 5500
+    steps: int = 3000
     batch: int = 8
     learning_rate: float = 1e-3
     score_threshold: float = 0.4

@@ -68,7 +68,7 @@ def cut_patch(view: View, keypoints_in_image: np.ndarray) -> Patch:
     )
 
 
-def cut_crop(view: View, image: np.ndarray) -> tuple[np.ndarray, Square]:
-    """The crop that the network sees at run time for this view's box."""
-    square = Square.around(view.box, CROP_SCALE)
-    return square.cut(image, INPUT_SIZE), square
+def cut_crops(view: View, image: np.ndarray, ensemble: tuple[float, ...]) -> tuple[np.ndarray, list[Square]]:
+    """The crops `[E, S, S, 3]` that the network sees at run time for this view's box."""
+    squares = [Square.around(view.box, CROP_SCALE * factor) for factor in ensemble]
+    return np.stack([square.cut(image, INPUT_SIZE) for square in squares]), squares

@@ -21,7 +21,7 @@ from .crops import CROP_SCALE
 from .heatmap import Decode
 from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
 from .registration import Registration, project
-from .validate import Predict, predict_views
+from .validate import CROP_ENSEMBLE, Predict, predict_views
 
 OPSET = 18
 MIN_STORED_AS_HALF = 1024  # elements: small tensors keep full precision
@@ -218,6 +218,7 @@ def export_keypoints(
         "virtual_keypoints_m": registration.keypoints.round(9).tolist(),
         "diameter_m": round(registration.size_m, 5),
         "crop_scale": CROP_SCALE,
+        "crop_ensemble": list(CROP_ENSEMBLE),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": INPUT_SIZE},
         "output": {"kind": "keypoints"},
         "covariance_scale": covariance_scale(predictor(path), held_out, held_out_truth).round(4).tolist(),

@@ -8,10 +8,9 @@ from .heatmap import cell_centres
 from .network import HEATMAP_STRIDE, INPUT_SIZE
 
 TARGET_SIGMA_PX = 2.5
-DISTANCE_WEIGHT = 0.05
 
 
-def heatmap_loss(logits: Tensor, keypoints: Tensor) -> Tensor:
+def heatmap_loss(logits: Tensor, keypoints: Tensor, distance_weight: float = 0.05) -> Tensor:
     """Cross-entropy against a Gaussian at each keypoint, plus a little soft-argmax distance.
 
     `logits` is `[B, N, S, S]`, `keypoints` `[B, N, 2]` in crop pixels. Soft-argmax distance alone stays collapsed on
@@ -27,4 +26,4 @@ def heatmap_loss(logits: Tensor, keypoints: Tensor) -> Tensor:
     mean = torch.stack([probability.sum(-2) @ centres, probability.sum(-1) @ centres], dim=-1)
     distance = F.smooth_l1_loss(mean, keypoints, reduction="none", beta=HEATMAP_STRIDE).sum(-1)
     inside = ((keypoints > -0.5) & (keypoints < INPUT_SIZE - 0.5)).all(-1).float()
-    return ((entropy + DISTANCE_WEIGHT * distance) * inside).sum() / inside.sum().clamp(min=1)
+    return ((entropy + distance_weight * distance) * inside).sum() / inside.sum().clamp(min=1)

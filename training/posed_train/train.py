@@ -122,7 +122,7 @@ class Trainer:
             group["lr"] = self.learning_rate()
         with torch.autocast(DEVICE.type, torch.bfloat16):
             logits = self.model(images)
-        loss = heatmap_loss(logits, keypoints)
+        loss = heatmap_loss(logits, keypoints, self.config.distance_weight)
         if not torch.isfinite(loss):
             raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}; lower learning_rate and resume")
         self.optimizer.zero_grad(set_to_none=True)
@@ -182,7 +182,7 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     ):
         log = csv.writer(log_file)
         while trainer.step < config.steps:
-            augment.strength = augmentation_strength(trainer.step / config.steps)
+            augment.strength = config.augmentation * augmentation_fade(trainer.step / config.steps)
             losses.append(trainer.train_step(*data.batch(config.batch, augment, rng)))
             bar.update()
             if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
@@ -197,8 +197,8 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     return trainer.average, views
 
 
-def augmentation_strength(progress: float) -> float:
-    """Full for half of the training, then falling to FINAL_AUGMENTATION."""
+def augmentation_fade(progress: float) -> float:
+    """1 for half of the training, then falling to FINAL_AUGMENTATION."""
     return 1 - (1 - FINAL_AUGMENTATION) * max(0.0, min(1.0, (progress - 0.5) / 0.3))
 
 

@@ -8,12 +8,17 @@ import numpy as np
 
 from . import metrics
 from .bop import View, read_rgb
-from .crops import cut_crop
+from .crops import cut_crops
 from .network import INPUT_SIZE
 from .registration import project
 
 Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Crops `[B, S, S, 3]` uint8 -> keypoints `[B, N, 2]`, covariances `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`."""
+
+
+CROP_ENSEMBLE = (0.87, 1.0, 1.13)
+"""Sizes of the crops that keypoints are averaged over, as factors of CROP_SCALE: a small net's errors differ from one
+crop to the next."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +31,17 @@ class Prediction:
     peaks: np.ndarray  # [N]
 
 
-def predict_views(predict: Predict, views: list[View]) -> list[Prediction]:
+def predict_views(predict: Predict, views: list[View], ensemble: tuple[float, ...] = CROP_ENSEMBLE) -> list[Prediction]:
+    """The mean over each view's crops, as the service takes it."""
     predictions = []
     for view in views:
-        crop, square = cut_crop(view, read_rgb(view.image_path))
-        keypoints, covariances, peaks = (output[0] for output in predict(crop[None]))
-        scale = square.side / INPUT_SIZE
-        in_image = (keypoints + 0.5) * scale - 0.5 + [square.left, square.top]
-        predictions.append(Prediction(view, in_image, covariances * scale**2, peaks))
+        crops, squares = cut_crops(view, read_rgb(view.image_path), ensemble)
+        keypoints, covariances, peaks = predict(crops)
+        scale = np.array([square.side / INPUT_SIZE for square in squares])[:, None, None]
+        origin = np.array([[square.left, square.top] for square in squares])[:, None]
+        in_image = (keypoints + 0.5) * scale - 0.5 + origin
+        in_image_covariances = covariances * scale[..., None] ** 2
+        predictions.append(Prediction(view, in_image.mean(0), in_image_covariances.mean(0), peaks.mean(0)))
     return predictions
 
 

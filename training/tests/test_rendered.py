@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from posed_train import bop, config, detector, export, registration, train
+from posed_train import bop, cli, config, detector, export, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
@@ -104,3 +104,23 @@ def test_exported_detector_agrees_with_torchvision(rendered, tmp_path):
     np.testing.assert_allclose(best[:4], expected["boxes"][k].detach().numpy(), atol=0.1)
     np.testing.assert_allclose(best[4], expected["scores"][k].item(), atol=1e-3)
     assert best[5] == expected["labels"][k].item()
+
+
+def test_commands_train_and_export(rendered, tmp_path, monkeypatch):
+    settings = tmp_path / "train.toml"
+    settings.write_text(
+        'name = "motor"\nobj_id = 3\nphotoreal = "train"\nvalidation = "train"\nmodels = "models"\n'
+        "held_out_scenes = 1\nmin_visible = 0.3\nsteps = 3\nbatch = 4\n"
+    )
+    if not (rendered / "models").exists():
+        (rendered / "models").symlink_to(MODELS)
+    arguments = ["--data", rendered, "--runs", tmp_path / "runs", "--models", tmp_path / "models", "--threads", 1]
+    monkeypatch.setattr("sys.argv", ["posed-train", "keypoints", str(settings), *map(str, arguments)])
+    cli.main()
+    manifest = json.loads((tmp_path / "models/motor/object.json").read_text())
+    assert manifest["name"] == "motor" and manifest["obj_id"] == 3
+    assert "add_percent" in manifest["training"]["validation"]
+
+    settings.write_text('name = "motor"\nobj_id = 9\nphotoreal = "train"\n')
+    with pytest.raises(SystemExit, match="no usable view of object 9"):
+        cli.main()
