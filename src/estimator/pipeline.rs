@@ -17,6 +17,8 @@ const MAX_DETECTIONS: usize = 32;
 const SAME_PLACE_OVERLAP: f64 = 0.7;
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
+/// Alternatives with less posterior weight are not worth a robot's time.
+const MIN_ALTERNATIVE_WEIGHT: f64 = 1e-3;
 /// Reprojection error above this, in larger box sides, contradicts the pose.
 const MAX_RMSE: f64 = 0.06;
 /// A pose is loose when its translation's standard deviation passes this share of the object's diameter ...
@@ -344,7 +346,7 @@ fn object_pose(
         reasons.push(Reason::UncertainPose);
         status = status.max(Status::LowConfidence);
     }
-    let alternatives = solution.alternatives.iter().flatten();
+    let alternatives = solution.alternatives.iter().flatten().filter(|a| a.weight > MIN_ALTERNATIVE_WEIGHT);
     let pose = SolvedPose {
         camera_from_object,
         covariance,
