@@ -164,7 +164,7 @@ async fn a_shutdown_loses_no_accepted_request() {
     let (url, client) = (server.url(&format!("/v1/poses?{CAMERA}")), Client::new());
     let requests: Vec<_> = (0..8).map(|_| tokio::spawn(client.post(&url).body(image.clone()).send())).collect();
     // Enough for all to be accepted, not for all to be answered.
-    tokio::time::sleep(Duration::from_millis(60)).await;
+    tokio::time::sleep(Duration::from_millis(150)).await;
     server.signal("-TERM");
     for request in requests {
         assert_eq!(request.await.unwrap().unwrap().status(), StatusCode::OK);
