@@ -185,7 +185,7 @@ fn detect(detector: &mut Detector, resizer: &mut Resizer, image: &RgbImage) -> R
             let first = Vector2::new(first.x.max(0.0), first.y.max(0.0));
             let last = Vector2::new(last.x.min(f64::from(image.width())), last.y.min(f64::from(image.height())));
             let size = last - first;
-            // Never equal for a class that is no whole number.
+            // A class that is no whole number, or no class at all, names no object.
             let object = (0..detector.manifest.labels.len()).find(|k| (class - *k as f64).abs() < 1e-3)?;
             let usable = score >= detector.manifest.score_threshold && size.min() >= 2.0;
             usable.then_some(Detection {

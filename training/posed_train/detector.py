@@ -4,8 +4,6 @@ Input is the image fitted into 320 x 256 at the top left (`letterbox`), as the s
 """
 
 import csv
-import math
-import os
 import time
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -22,7 +20,7 @@ from torchvision.models.detection.fcos import FCOSHead
 from torchvision.ops import box_iou
 from tqdm import tqdm
 
-from . import bop
+from . import bop, optimise
 from .config import DetectorConfig
 from .network import Encoder, conv_bn
 from .train import DEVICE, read_backgrounds
@@ -155,11 +153,6 @@ class Trainer:
 
     def train_step(self, samples: list[Sample]) -> float:
         self.model.train()
-        warm_up = min(1.0, (self.step + 1) / 200)
-        cosine = 0.5 * (1 + math.cos(math.pi * self.step / self.config.steps))
-        rate = self.config.learning_rate * warm_up * cosine
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
         targets = [
             {
                 "boxes": torch.from_numpy(sample.boxes).float().view(-1, 4).to(DEVICE),
@@ -170,21 +163,14 @@ class Trainer:
         with torch.autocast(DEVICE.type, torch.bfloat16):
             losses = self.model(list(to_tensor([s.image for s in samples])), targets)
         loss = sum(losses.values())
-        if not torch.isfinite(loss):
-            raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}")
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 5.0)
-        self.optimizer.step()
+        rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
+        value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
         self.step += 1
-        return loss.item()
+        return value
 
     def save(self, path: Path) -> None:
-        temporary = path.with_suffix(".tmp")
-        torch.save(
-            {"step": self.step, "model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}, temporary
-        )
-        os.replace(temporary, path)
+        state = {"step": self.step, "model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}
+        optimise.save(state, path)
 
     def resume(self, path: Path) -> None:
         state = torch.load(path, map_location=DEVICE, weights_only=True)

@@ -2,8 +2,6 @@
 
 import copy
 import csv
-import math
-import os
 import time
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from . import bop, metrics
+from . import bop, metrics, optimise
 from .augment import Augmenter
 from .config import KeypointConfig
 from .crops import Patch, cut_patch
@@ -112,26 +110,16 @@ class Trainer:
         self.average = copy.deepcopy(self.model)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 
-    def learning_rate(self) -> float:
-        warm_up = min(1.0, (self.step + 1) / 200)
-        return self.config.learning_rate * warm_up * 0.5 * (1 + math.cos(math.pi * self.step / self.config.steps))
-
     def train_step(self, images: torch.Tensor, keypoints: torch.Tensor) -> float:
         self.model.train()
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.learning_rate()
         with torch.autocast(DEVICE.type, torch.bfloat16):
             logits = self.model(images)
         loss = heatmap_loss(logits, keypoints, self.config.distance_weight)
-        if not torch.isfinite(loss):
-            raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}; lower learning_rate and resume")
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 5.0)
-        self.optimizer.step()
+        rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
+        value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
         self.step += 1
         self.update_average()
-        return loss.item()
+        return value
 
     @torch.no_grad()
     def update_average(self) -> None:
@@ -143,17 +131,13 @@ class Trainer:
                 average.copy_(current)
 
     def save(self, path: Path) -> None:
-        temporary = path.with_suffix(".tmp")
-        torch.save(
-            {
-                "step": self.step,
-                "model": self.model.state_dict(),
-                "average": self.average.state_dict(),
-                "optimizer": self.optimizer.state_dict(),
-            },
-            temporary,
-        )
-        os.replace(temporary, path)
+        state = {
+            "step": self.step,
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+        optimise.save(state, path)
 
     def resume(self, path: Path) -> None:
         state = torch.load(path, map_location=DEVICE, weights_only=True)

@@ -1,0 +1,36 @@
+"""One step of gradient descent, and checkpoints: the same for keypoint nets and the detector."""
+
+import math
+import os
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+WARM_UP_STEPS = 200
+MAX_GRADIENT_NORM = 5.0
+
+
+def learning_rate(peak: float, step: int, steps: int) -> float:
+    """Linear warm-up, then half a cosine down to zero."""
+    return peak * min(1.0, (step + 1) / WARM_UP_STEPS) * 0.5 * (1 + math.cos(math.pi * step / steps))
+
+
+def descend(model: nn.Module, optimizer: torch.optim.Optimizer, loss: Tensor, rate: float, step: int) -> float:
+    """Applies one step and returns the loss; refuses a loss that is not finite before it can spoil the weights."""
+    if not torch.isfinite(loss):
+        raise FloatingPointError(f"step {step}: the loss is {loss.item()}; lower learning_rate and resume")
+    for group in optimizer.param_groups:
+        group["lr"] = rate
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(model.parameters(), MAX_GRADIENT_NORM)
+    optimizer.step()
+    return loss.item()
+
+
+def save(state: dict, path: Path) -> None:
+    """A reader sees the old checkpoint or the new one, never a part."""
+    temporary = path.with_suffix(".tmp")
+    torch.save(state, temporary)
+    os.replace(temporary, path)
