@@ -9,7 +9,7 @@ use fast_image_resize::Resizer;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{Answer, Detection, Estimate, ObjectPose, Report, SolvedPose, Timings};
 use posed::geometry::{Camera, Covariance6, Pose};
-use posed::pnp::{Options, Status, solve};
+use posed::pnp::{Options, Verdict, solve};
 use posed::vision::{BoundingBox, ImageLimits, crop_square, decode, letterbox};
 
 fn stages(criterion: &mut Criterion) {
@@ -54,8 +54,7 @@ fn problem() -> (Vec<Vector3<f64>>, Vec<Vector2<f64>>) {
 fn answer(bounding_box: BoundingBox) -> Answer {
     let found = ObjectPose {
         object: "cube".into(),
-        status: Status::Ok,
-        reasons: Vec::new(),
+        verdict: Verdict::default(),
         detection: Detection { object: 0, bounding_box, score: 0.9 },
         pose: Some(SolvedPose {
             camera_from_object: Pose::identity(),

@@ -43,7 +43,7 @@ impl Calibrate {
             return Err(format!(
                 "only {} of {} keypoints agree in this image; choose one that shows the object larger and unoccluded",
                 solution.inlier_count(),
-                solution.inliers().len()
+                solution.residuals().len()
             )
             .into());
         }
@@ -73,7 +73,7 @@ impl Calibrate {
             "{}: {} of {} keypoints agree; offset known to {:.1} mm and {:.2} deg (1 sigma)",
             path.display(),
             solution.inlier_count(),
-            solution.inliers().len(),
+            solution.residuals().len(),
             1e3 * reference.offset.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt(),
             reference.offset.covariance.fixed_view::<3, 3>(3, 3).trace().sqrt().to_degrees(),
         );

@@ -60,7 +60,7 @@ impl Estimate {
 fn mark(found: &ObjectPose) -> Mark {
     Mark {
         bounding_box: found.detection.bounding_box,
-        box_colour: match found.status {
+        box_colour: match found.verdict.status {
             Status::Ok => [60, 220, 90],
             Status::Ambiguous => [250, 200, 40],
             Status::LowConfidence => [250, 130, 30],

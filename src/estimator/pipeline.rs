@@ -6,9 +6,9 @@ use nalgebra::{Matrix2, Vector2};
 use thiserror::Error;
 
 use crate::calibration::Offset;
-use crate::geometry::{AxisAlignedAffine, Camera, CameraError, Covariance6, Pose};
+use crate::geometry::{Affine, Camera, CameraError, Covariance6, Pose};
 use crate::model::{Detector, KeypointManifest, KeypointModel, RuntimeError, Store};
-use crate::pnp::{self, PnpError, Reason, Solution, Status};
+use crate::pnp::{self, PnpError, Reason, Solution, Status, Verdict};
 use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, letterbox};
 
 /// More objects than this in one image are dropped, weakest first.
@@ -66,8 +66,7 @@ pub struct KeypointPrediction {
 #[derive(Clone, Debug)]
 pub struct ObjectPose {
     pub object: String,
-    pub status: Status,
-    pub reasons: Vec<Reason>,
+    pub verdict: Verdict,
     pub detection: Detection,
     /// `None` when no pose could be solved at all.
     pub pose: Option<SolvedPose>,
@@ -116,7 +115,8 @@ pub struct Estimator {
 impl Estimator {
     #[must_use]
     pub fn new(store: Store) -> Self {
-        Self { store, resizer: Resizer::new(), options: pnp::Options::default() }
+        let options = pnp::Options { max_sigma_rotation_rad: MAX_SIGMA_ROTATION_RAD, ..pnp::Options::default() };
+        Self { store, resizer: Resizer::new(), options }
     }
 
     /// Finds all calibrated objects in an image, the most trusted poses first. `camera` belongs to this image.
@@ -144,7 +144,9 @@ impl Estimator {
             }
             timings.pose += start.elapsed();
         }
-        poses.sort_by(|a, b| a.status.cmp(&b.status).then(b.detection.score.total_cmp(&a.detection.score)));
+        poses.sort_by(|a, b| {
+            a.verdict.status.cmp(&b.verdict.status).then(b.detection.score.total_cmp(&a.detection.score))
+        });
         Ok(Estimate { width: image.width(), height: image.height(), poses, timings })
     }
 }
@@ -281,7 +283,7 @@ fn average(of_crops: &[KeypointPrediction]) -> KeypointPrediction {
 
 /// Maps one crop's keypoints to image pixels, and scales their covariances by what held-out images showed.
 fn in_image(
-    image_from_crop: &AxisAlignedAffine,
+    image_from_crop: &Affine,
     keypoints: &[f64],
     covariances: &[f64],
     peaks: Vec<f64>,
@@ -313,38 +315,33 @@ fn object_pose(
     camera: &Camera,
     options: &pnp::Options,
 ) -> ObjectPose {
-    let answer = |status, reasons, pose| ObjectPose {
+    let answer = |verdict, pose| ObjectPose {
         object: manifest.name.clone(),
-        status,
-        reasons,
+        verdict,
         detection,
         pose,
         diameter_m: manifest.diameter_m,
     };
+    let mut verdict = Verdict::default();
     let Ok(solution) = solve_keypoints(manifest, prediction, camera, options) else {
-        return answer(Status::Rejected, vec![Reason::NoPose], None);
+        verdict.object(Reason::NoPose, Status::Rejected);
+        return answer(verdict, None);
     };
-    let (mut status, mut reasons) = solution.judge(options);
+    verdict = solution.verdict;
     if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
-        reasons.push(Reason::WeakKeypoints);
-        status = status.max(Status::LowConfidence);
+        verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }
     if !agrees_with_box(&solution.pose, manifest.diameter_m, &detection.bounding_box, camera) {
-        reasons.push(Reason::BoxMismatch);
-        status = Status::Rejected;
+        verdict.object(Reason::BoxMismatch, Status::Rejected);
     }
-    let (camera_from_object, covariance) = offset.apply(&solution.pose, &solution.covariance);
-    let reprojection_rmse_px = reprojection_rmse(manifest, prediction, &solution, camera);
+    let reprojection_rmse_px = solution.rmse_px();
     if reprojection_rmse_px > MAX_RMSE * detection.bounding_box.extent() {
         // Wide covariances excuse such residuals, but no pose follows from them.
-        if !reasons.contains(&Reason::HighResidual) {
-            reasons.push(Reason::HighResidual);
-        }
-        status = Status::Rejected;
+        verdict.object(Reason::HighResidual, Status::Rejected);
     }
+    let (camera_from_object, covariance) = offset.apply(&solution.pose, &solution.covariance);
     if is_loose(&covariance, manifest.diameter_m) {
-        reasons.push(Reason::UncertainPose);
-        status = status.max(Status::LowConfidence);
+        verdict.object(Reason::UncertainPose, Status::LowConfidence);
     }
     let alternatives = solution.alternatives.iter().flatten().filter(|a| a.weight > MIN_ALTERNATIVE_WEIGHT);
     let pose = SolvedPose {
@@ -353,37 +350,16 @@ fn object_pose(
         reprojection_rmse_px,
         inliers: solution.inlier_count(),
         keypoints: prediction.pixels.len(),
-        alternatives: alternatives.map(|a| (offset.apply(&a.pose, &solution.covariance).0, a.weight)).collect(),
+        alternatives: alternatives.map(|a| (offset.apply(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
     };
-    answer(status, reasons, Some(pose))
-}
-
-/// Root mean square distance of the inliers from the pose's projections, pixels.
-fn reprojection_rmse(
-    manifest: &KeypointManifest,
-    prediction: &KeypointPrediction,
-    solution: &Solution,
-    camera: &Camera,
-) -> f64 {
-    let squares: Vec<f64> = manifest
-        .keypoints()
-        .iter()
-        .zip(&prediction.pixels)
-        .zip(solution.inliers())
-        .filter(|(_, inlier)| **inlier)
-        .filter_map(|((point, pixel), _)| {
-            camera.project(&solution.pose.transform(point)).map(|p| (p - pixel).norm_squared())
-        })
-        .collect();
-    let count = squares.len().max(1) as f64;
-    (squares.iter().sum::<f64>() / count).sqrt()
+    answer(verdict, Some(pose))
 }
 
 /// Whether the keypoints' centre lies in the detector's box and the object is as large as the box shows.
 fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &BoundingBox, camera: &Camera) -> bool {
     let centre = camera_from_keypoints.translation();
-    camera.project(centre).is_some_and(|pixel| {
+    camera.project(centre).is_ok_and(|pixel| {
         let shift = (pixel - region.centre()).norm() / region.extent();
         let extent_px = camera.focal().mean() * diameter_m / centre.z;
         shift < MAX_CENTRE_SHIFT && BOX_TO_EXTENT.contains(&(region.extent() / extent_px))

@@ -3,7 +3,7 @@ use serde::Serialize;
 use super::pipeline::{ObjectPose, SolvedPose};
 use super::queue::Answer;
 use crate::geometry::{Covariance6, Pose};
-use crate::pnp::{Reason, Status};
+use crate::pnp::{Reasons, Status};
 
 /// An answer in the form that leaves the program as JSON.
 #[derive(Debug, Serialize)]
@@ -27,7 +27,7 @@ pub struct ImageReport {
 pub struct PoseReport {
     pub object: String,
     pub status: Status,
-    pub reasons: Vec<Reason>,
+    pub reasons: Reasons,
     pub detection: DetectionReport,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub solved: Option<SolvedReport>,
@@ -104,8 +104,8 @@ impl From<ObjectPose> for PoseReport {
         let region = found.detection.bounding_box;
         Self {
             object: found.object,
-            status: found.status,
-            reasons: found.reasons,
+            status: found.verdict.status,
+            reasons: found.verdict.reasons,
             detection: DetectionReport {
                 box_px: [region.x, region.y, region.width, region.height].map(round),
                 score: round(found.detection.score),

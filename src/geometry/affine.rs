@@ -1,40 +1,58 @@
 use nalgebra::{Matrix2, Vector2};
 
-/// A 2D map `to = scale * from + offset` with one scale for each axis: what crops and letterboxes do to pixels.
+/// A 2D map `to = linear * from + offset` of pixel coordinates: what crops and letterboxes do to an image.
 ///
-/// Both sides have pixel centres at integers, so a plain resize by `s` is `scale = s`, `offset = (s - 1) / 2`.
+/// Both sides have pixel centres at integers, so a plain resize by `s` is `linear = s I`, `offset = (s - 1) / 2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisAlignedAffine {
-    scale: Vector2<f64>,
+pub struct Affine {
+    linear: Matrix2<f64>,
     offset: Vector2<f64>,
 }
 
-impl AxisAlignedAffine {
+impl Affine {
+    /// `None` for a map that has no inverse or a value that is not finite.
+    #[must_use]
+    pub fn new(linear: Matrix2<f64>, offset: Vector2<f64>) -> Option<Self> {
+        let usable = offset.iter().all(|v| v.is_finite()) && linear.try_inverse().is_some();
+        usable.then_some(Self { linear, offset })
+    }
+
     /// The map that takes the region with this top left corner and size (in pixel-EDGE coordinates: the image
     /// spans 0 to its width) to an image of `to` pixels.
     #[must_use]
     pub fn region_to_image(top_left: Vector2<f64>, size: Vector2<f64>, to: Vector2<f64>) -> Self {
         let scale = to.component_div(&size);
         let half = Vector2::repeat(0.5);
-        Self { scale, offset: (half - top_left).component_mul(&scale) - half }
+        Self { linear: Matrix2::from_diagonal(&scale), offset: (half - top_left).component_mul(&scale) - half }
     }
 
     #[must_use]
     pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
-        point.component_mul(&self.scale) + self.offset
+        self.linear * point + self.offset
     }
 
     #[must_use]
     pub fn inverse(&self) -> Self {
-        let scale = self.scale.map(f64::recip);
-        Self { scale, offset: -self.offset.component_mul(&scale) }
+        // By construction there is one: the adjugate over the determinant.
+        let Matrix2 { data, .. } = self.linear;
+        let [[a, c], [b, d]] = data.0;
+        let linear = Matrix2::new(d, -b, -c, a) / (a * d - b * c);
+        Self { linear, offset: -(linear * self.offset) }
     }
 
     /// The covariance of a mapped point: `A Σ Aᵀ`.
     #[must_use]
     pub fn apply_to_covariance(&self, covariance: &Matrix2<f64>) -> Matrix2<f64> {
-        let linear = Matrix2::from_diagonal(&self.scale);
-        linear * covariance * linear
+        self.linear * covariance * self.linear.transpose()
+    }
+}
+
+impl std::ops::Mul for Affine {
+    type Output = Self;
+
+    /// `a_from_c = a_from_b * b_from_c`.
+    fn mul(self, other: Self) -> Self {
+        Self { linear: self.linear * other.linear, offset: self.apply(&other.offset) }
     }
 }
 
@@ -43,24 +61,51 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn any_affine() -> impl Strategy<Value = Affine> {
+        (prop::array::uniform4(-3.0..3.0f64), prop::array::uniform2(-500.0..500.0f64)).prop_filter_map(
+            "nearly no inverse",
+            |([a, b, c, d], offset)| {
+                let linear = Matrix2::new(a, b, c, d);
+                (linear.determinant().abs() > 0.01).then(|| Affine::new(linear, offset.into()))?
+            },
+        )
+    }
+
     proptest! {
         #[test]
-        fn inverse_undoes(x in -1e3..1e3f64, y in -1e3..1e3f64, left in -50.0..500.0f64, side in 10.0..900.0f64) {
-            let affine = AxisAlignedAffine::region_to_image(
-                Vector2::new(left, -left), Vector2::new(side, 2.0 * side), Vector2::new(128.0, 64.0));
-            let point = Vector2::new(x, y);
-            prop_assert!((affine.inverse().apply(&affine.apply(&point)) - point).norm() < 1e-9);
+        fn inverse_undoes(affine in any_affine(), point in prop::array::uniform2(-1e3..1e3f64)) {
+            let point = Vector2::from(point);
+            prop_assert!((affine.inverse().apply(&affine.apply(&point)) - point).norm() < 1e-7);
+        }
+
+        #[test]
+        fn composition_is_application_in_turn(
+            a in any_affine(), b in any_affine(), point in prop::array::uniform2(-1e3..1e3f64),
+        ) {
+            let point = Vector2::from(point);
+            prop_assert!(((a * b).apply(&point) - a.apply(&b.apply(&point))).norm() < 1e-7);
+        }
+
+        #[test]
+        fn covariance_follows_the_points(affine in any_affine(), step in prop::array::uniform2(-1.0..1.0f64)) {
+            let step = Vector2::from(step);
+            let mapped = affine.apply(&step) - affine.apply(&Vector2::zeros());
+            let covariance = affine.apply_to_covariance(&(step * step.transpose()));
+            prop_assert!((covariance - mapped * mapped.transpose()).amax() < 1e-9);
         }
     }
 
     #[test]
     fn edges_of_the_region_become_edges_of_the_image() {
-        let affine = AxisAlignedAffine::region_to_image(
-            Vector2::new(10.0, 20.0),
-            Vector2::new(64.0, 64.0),
-            Vector2::new(128.0, 128.0),
-        );
+        let affine =
+            Affine::region_to_image(Vector2::new(10.0, 20.0), Vector2::new(64.0, 64.0), Vector2::new(128.0, 128.0));
         assert_eq!(affine.apply(&Vector2::new(9.5, 19.5)), Vector2::new(-0.5, -0.5));
         assert_eq!(affine.apply(&Vector2::new(73.5, 83.5)), Vector2::new(127.5, 127.5));
+    }
+
+    #[test]
+    fn a_map_without_inverse_is_refused() {
+        assert_eq!(Affine::new(Matrix2::new(1.0, 2.0, 2.0, 4.0), Vector2::zeros()), None);
+        assert_eq!(Affine::new(Matrix2::identity(), Vector2::new(f64::NAN, 0.0)), None);
     }
 }

@@ -10,9 +10,21 @@
 //!   `geometry_msgs/PoseWithCovariance`: translation and a small rotation about the fixed axes of the parent frame.
 
 mod affine;
+mod alignment;
 mod camera;
+mod epipolar;
+mod lie;
 mod pose;
+mod symmetry;
+mod triangulation;
 
-pub use affine::AxisAlignedAffine;
-pub use camera::{Camera, CameraError};
+pub use affine::Affine;
+pub use alignment::{AlignmentError, align};
+pub use camera::{Camera, CameraError, ProjectionError};
+pub use epipolar::{epipolar_error, sampson_distance};
 pub use pose::{Covariance6, Pose, PoseError, skew};
+pub use symmetry::{ContinuousSymmetry, Symmetries, SymmetryError};
+pub use triangulation::{Observation, TriangulatedPoint, TriangulationError, triangulate};
+
+pub(crate) use camera::normalised_by_point;
+pub(crate) use lie::{block_diagonal, parts};

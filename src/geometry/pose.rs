@@ -20,6 +20,8 @@ pub enum PoseError {
     NotUnit { norm: f64 },
     #[error("3x3 block is not a rotation: it deviates from one by {deviation:.1e} (tolerance 1e-3)")]
     NotRotation { deviation: f64 },
+    #[error("last row of a 4x4 transform must be 0 0 0 1")]
+    LastRow,
 }
 
 /// Numbers printed with a few digits are accepted and projected onto the nearest rotation.
@@ -71,6 +73,29 @@ impl Pose {
         Ok(Self::new(nearest, translation_m.into()))
     }
 
+    /// From a homogeneous 4x4 matrix, translation in metres.
+    ///
+    /// # Errors
+    /// As [`Pose::from_row_major`], and when the last row is not `0 0 0 1`.
+    pub fn from_matrix(matrix: &Matrix4<f64>) -> Result<Self, PoseError> {
+        if matrix.row(3) != Matrix4::identity().row(3) {
+            return Err(PoseError::LastRow);
+        }
+        let rotation = [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|k| matrix[(k / 3, k % 3)]);
+        Self::from_row_major(rotation, [matrix.m14, matrix.m24, matrix.m34])
+    }
+
+    /// From a rotation vector (axis times angle, radians) and a translation in metres.
+    ///
+    /// # Errors
+    /// When a value is not finite.
+    pub fn from_rotation_vector(rotation: [f64; 3], translation_m: [f64; 3]) -> Result<Self, PoseError> {
+        if !rotation.iter().chain(&translation_m).all(|v| v.is_finite()) {
+            return Err(PoseError::NotFinite);
+        }
+        Ok(Self::new(Rotation3::new(rotation.into()), translation_m.into()))
+    }
+
     #[must_use]
     pub fn rotation(&self) -> &Rotation3<f64> {
         &self.rotation
@@ -87,6 +112,12 @@ impl Pose {
         let q = UnitQuaternion::from_rotation_matrix(&self.rotation).into_inner();
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         [q.i * sign, q.j * sign, q.k * sign, q.w * sign]
+    }
+
+    /// The rotation as axis times angle (radians, 0 to pi).
+    #[must_use]
+    pub fn rotation_vector(&self) -> Vector3<f64> {
+        super::lie::rotation_log(&self.rotation)
     }
 
     #[must_use]
@@ -124,6 +155,13 @@ impl Pose {
         Self::new(renormalised(&moved), self.translation + translation)
     }
 
+    /// The same pose with the rotation that a matrix from a closed form is meant to be: Newton's iteration for the polar
+    /// decomposition, which converges from well beyond any rounding error.
+    pub(crate) fn orthonormalised(&self) -> Self {
+        let rotation = (0..4).fold(self.rotation, |rotation, _| renormalised(&rotation));
+        Self::new(rotation, self.translation)
+    }
+
     /// Angle in radians, 0 to pi, of the rotation between two poses.
     #[must_use]
     pub fn angle_to(&self, other: &Self) -> f64 {
@@ -148,8 +186,9 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     v.cross_matrix()
 }
 
-/// The rotation nearest to a matrix in the Frobenius norm.
-fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
+/// The rotation nearest to a matrix in the Frobenius norm, which is also the one that best aligns two point sets with
+/// this correlation.
+pub(super) fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
     let svd = matrix.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
         return Rotation3::identity();
@@ -164,11 +203,11 @@ fn renormalised(rotation: &Rotation3<f64>) -> Rotation3<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(in crate::geometry) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn any_pose() -> impl Strategy<Value = Pose> {
+    pub(in crate::geometry) fn any_pose() -> impl Strategy<Value = Pose> {
         (prop::array::uniform3(-3.0..3.0f64), prop::array::uniform3(-5.0..5.0f64))
             .prop_map(|(r, t)| Pose::new(Rotation3::new(Vector3::from(r)), Vector3::from(t)))
     }
@@ -199,6 +238,13 @@ mod tests {
         }
 
         #[test]
+        fn matrix_and_rotation_vector_round_trip(pose in any_pose()) {
+            prop_assert!(close(&Pose::from_matrix(&pose.matrix()).unwrap(), &pose));
+            let back = Pose::from_rotation_vector(pose.rotation_vector().into(), pose.translation_m()).unwrap();
+            prop_assert!(close(&back, &pose));
+        }
+
+        #[test]
         fn angle_is_that_of_the_rotation_between(pose in any_pose(), axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..3.1f64) {
             prop_assume!(Vector3::from(axis).norm() > 0.1);
             let turned = pose.perturbed(&Vector3::zeros(), &(Vector3::from(axis).normalize() * angle));
@@ -223,6 +269,8 @@ mod tests {
         assert!(matches!(Pose::from_row_major(reflection, [0.0; 3]), Err(PoseError::NotRotation { .. })));
         assert!(matches!(Pose::from_row_major([f64::NAN; 9], [0.0; 3]), Err(PoseError::NotFinite)));
         assert!(matches!(Pose::from_row_major([0.0; 9], [0.0; 3]), Err(PoseError::NotRotation { .. })));
+        assert_eq!(Pose::from_matrix(&(Matrix4::identity() * 2.0)), Err(PoseError::LastRow));
+        assert_eq!(Pose::from_rotation_vector([f64::INFINITY, 0.0, 0.0], [0.0; 3]), Err(PoseError::NotFinite));
         assert!(matches!(Pose::from_quaternion_xyzw([0.0; 4], [0.0; 3]), Err(PoseError::NotUnit { .. })));
     }
 }

@@ -1,11 +1,11 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::geometry::{Camera, Pose};
+use crate::geometry::{Camera, Pose, ProjectionError};
 
 /// Fewest points that determine a pose and leave something to check it with.
 pub const MIN_POINTS: usize = 4;
-/// Most points: every triplet is tried, and no heap is used.
+/// Most points: every triplet may be tried, and no heap is used.
 pub const MAX_POINTS: usize = 16;
 
 /// Input that no pose can be solved from.
@@ -19,6 +19,8 @@ pub enum PnpError {
     NotFinite { index: usize },
     #[error("covariance of point {index} is not positive definite")]
     Covariance { index: usize },
+    #[error("pixel of point {index}: {source}")]
+    Pixel { index: usize, source: ProjectionError },
     #[error("the points lie on one line or in one place; no pose follows from them")]
     Degenerate,
     #[error("no pose puts the points in front of the camera and near their pixels")]
@@ -29,11 +31,20 @@ pub enum PnpError {
 #[derive(Clone, Debug)]
 pub(super) struct Problem {
     len: usize,
-    points: [Vector3<f64>; MAX_POINTS],
-    rays: [Vector3<f64>; MAX_POINTS],
-    image: [Vector2<f64>; MAX_POINTS],
+    observations: [Observation; MAX_POINTS],
+}
+
+/// One point and where it was seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Observation {
+    pub point: Vector3<f64>,
+    /// Unit direction of the camera ray.
+    pub ray: Vector3<f64>,
+    pub image: Vector2<f64>,
     /// `W` with `Wᵀ W = Σ⁻¹`, Σ in normalised coordinates.
-    whitening: [Matrix2<f64>; MAX_POINTS],
+    pub whitening: Matrix2<f64>,
+    /// Trace of Σ.
+    pub variance: f64,
 }
 
 impl Problem {
@@ -55,29 +66,22 @@ impl Problem {
         if !(MIN_POINTS..=MAX_POINTS).contains(&points.len()) {
             return Err(PnpError::PointCount { given: points.len() });
         }
-        let mut problem = Self {
-            len: points.len(),
-            points: [Vector3::zeros(); MAX_POINTS],
-            rays: [Vector3::zeros(); MAX_POINTS],
-            image: [Vector2::zeros(); MAX_POINTS],
-            whitening: [Matrix2::zeros(); MAX_POINTS],
-        };
-        let normalised_from_pixels = Matrix2::from_diagonal(&camera.focal().map(f64::recip));
+        let mut problem = Self { len: points.len(), observations: [Observation::default(); MAX_POINTS] };
         for (index, ((point, pixel), covariance)) in points.iter().zip(pixels).zip(covariances_px).enumerate() {
             if !(point.iter().chain(pixel).chain(covariance).all(|v| v.is_finite())) {
                 return Err(PnpError::NotFinite { index });
             }
+            let (image, by_pixel) =
+                camera.unproject_with_jacobian(pixel).map_err(|source| PnpError::Pixel { index, source })?;
             let floored = covariance + Matrix2::identity() * (floor_px * floor_px);
-            let normalised = normalised_from_pixels * floored * normalised_from_pixels;
-            let whitening = normalised
-                .cholesky()
-                .and_then(|factor| factor.l().try_inverse())
-                .ok_or(PnpError::Covariance { index })?;
-            let image = camera.unproject(pixel);
-            problem.points[index] = *point;
-            problem.image[index] = image;
-            problem.rays[index] = Vector3::new(image.x, image.y, 1.0).normalize();
-            problem.whitening[index] = whitening;
+            let normalised = by_pixel * floored * by_pixel.transpose();
+            problem.observations[index] = Observation {
+                point: *point,
+                ray: image.push(1.0).normalize(),
+                image,
+                whitening: whitening_of(&normalised).ok_or(PnpError::Covariance { index })?,
+                variance: normalised.trace(),
+            };
         }
         if problem.points_are_on_a_line() {
             return Err(PnpError::Degenerate);
@@ -85,43 +89,41 @@ impl Problem {
         Ok(problem)
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.len
-    }
-
-    pub(super) fn point(&self, index: usize) -> &Vector3<f64> {
-        &self.points[index]
-    }
-
-    /// Unit direction of the camera ray through an image point.
-    pub(super) fn ray(&self, index: usize) -> &Vector3<f64> {
-        &self.rays[index]
-    }
-
-    pub(super) fn whitening(&self, index: usize) -> &Matrix2<f64> {
-        &self.whitening[index]
-    }
-
-    /// The whitened reprojection residual; `None` where the point is not in front of the camera.
-    pub(super) fn residual(&self, index: usize, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
-        let depth = point_in_camera.z;
-        (depth > 1e-9).then(|| {
-            let projected = Vector2::new(point_in_camera.x / depth, point_in_camera.y / depth);
-            self.whitening[index] * (projected - self.image[index])
-        })
-    }
-
-    /// Squared Mahalanobis distance of a point's reprojection; infinite behind the camera.
-    pub(super) fn mahalanobis_squared(&self, index: usize, pose: &Pose) -> f64 {
-        self.residual(index, &pose.transform(&self.points[index]))
-            .map_or(f64::INFINITY, |residual| residual.norm_squared())
+    pub(super) fn observations(&self) -> &[Observation] {
+        &self.observations[..self.len]
     }
 
     fn points_are_on_a_line(&self) -> bool {
-        let origin = self.points[0];
-        let spans = || self.points[1..self.len].iter().map(|p| p - origin);
-        let longest = spans().max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
+        let origin = self.observations[0].point;
+        let spans = || self.observations()[1..].iter().map(|seen| seen.point - origin);
+        let longest = spans().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
         let length = longest.norm();
         length < 1e-9 || spans().all(|span| span.cross(&longest).norm() < 1e-6 * length * length)
     }
+}
+
+impl Observation {
+    /// The whitened reprojection residual; `None` where the point is not in front of the camera.
+    pub(super) fn residual(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let depth = point_in_camera.z;
+        (depth > 1e-9).then(|| self.whitening * (point_in_camera.xy() / depth - self.image))
+    }
+
+    /// Squared Mahalanobis distance of the reprojection; infinite behind the camera.
+    pub(super) fn mahalanobis_squared(&self, pose: &Pose) -> f64 {
+        self.residual(&pose.transform(&self.point)).map_or(f64::INFINITY, |residual| residual.norm_squared())
+    }
+}
+
+/// The inverse of a 2x2 Cholesky factor; `None` unless the matrix is positive definite.
+fn whitening_of(covariance: &Matrix2<f64>) -> Option<Matrix2<f64>> {
+    let first = covariance.m11.sqrt();
+    let across = covariance.m21 / first;
+    let rest = covariance.m22 - across * across;
+    // Not NaN either, and not singular but for rounding.
+    if !(covariance.m11 > 0.0 && rest > 1e-12 * covariance.m22) {
+        return None;
+    }
+    let second = rest.sqrt();
+    Some(Matrix2::new(first.recip(), 0.0, -across / (first * second), second.recip()))
 }

@@ -1,120 +1,157 @@
-//! Robust Levenberg-Marquardt on SE(3).
+//! Levenberg-Marquardt on a pose, with a loss that says how much a point counts.
+//!
+//! Steps are a translation and a rotation vector along the camera's axes, see [`Pose::perturbed`].
 
-use nalgebra::{Matrix2x3, Matrix2x6, Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3, Vector6};
 
-use super::problem::Problem;
-use crate::geometry::{Pose, skew};
+use super::problem::{MAX_POINTS, Observation, Problem};
+use crate::geometry::{Pose, normalised_by_point, parts, skew};
 
-const MAX_ITERATIONS: usize = 15;
-/// Width of the Cauchy loss in standard deviations.
-const CAUCHY_WIDTH: f64 = 2.0;
-/// Steps shorter than this (in standard deviations of the pose, roughly) end the iteration.
-const MIN_COST_CHANGE: f64 = 1e-6;
+const MAX_DAMPING: f64 = 1e6;
 
-/// A refined pose with its robust cost.
+/// When to stop.
+#[derive(Clone, Copy)]
+pub(super) struct Effort {
+    pub max_steps: usize,
+    /// Length of the last step, in standard deviations of the pose squared (Newton's decrement).
+    pub tolerance: f64,
+}
+
+/// What squared Mahalanobis distances cost.
+pub(super) trait Loss {
+    fn cost(&self, squares: &[f64]) -> f64;
+    /// The derivative of the cost by one of them.
+    fn weight(&self, squared: f64) -> f64;
+}
+
+/// Grows with the logarithm of a gross error: every point keeps some pull, so that a start far off finds its way.
+pub(super) struct Cauchy {
+    /// In standard deviations.
+    pub width: f64,
+}
+
+impl Loss for Cauchy {
+    fn cost(&self, squares: &[f64]) -> f64 {
+        let width = self.width * self.width;
+        // One logarithm for four points; their product stays far from overflow.
+        let product = |four: &[f64]| four.iter().map(|squared| 1.0 + squared / width).product::<f64>();
+        width * squares.chunks(4).map(|four| product(four).ln()).sum::<f64>()
+    }
+
+    fn weight(&self, squared: f64) -> f64 {
+        (1.0 + squared / (self.width * self.width)).recip()
+    }
+}
+
+/// Least squares over the points within a limit (MSAC): the estimate whose covariance is the inverse Hessian.
+pub(super) struct Truncated {
+    /// Squared Mahalanobis distance.
+    pub limit: f64,
+}
+
+impl Loss for Truncated {
+    fn cost(&self, squares: &[f64]) -> f64 {
+        squares.iter().map(|squared| squared.min(self.limit)).sum()
+    }
+
+    fn weight(&self, squared: f64) -> f64 {
+        f64::from(u8::from(squared < self.limit))
+    }
+}
+
+/// A pose with its cost and the normal equations there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Refined {
     pub pose: Pose,
     pub cost: f64,
+    /// Gauss-Newton Hessian over the points, each as often as its weight says.
+    pub hessian: Matrix6<f64>,
+    gradient: Vector6<f64>,
 }
 
-/// Lowers the Cauchy cost of a pose. Every accepted step keeps all points in front of the camera.
-///
-/// The step is a translation and a rotation vector along the camera's axes, see [`Pose::perturbed`].
-pub(super) fn refine(problem: &Problem, start: &Pose) -> Option<Refined> {
-    let mut pose = *start;
-    let mut cost = robust_cost(problem, &pose)?;
-    let mut damping = 1e-3;
-    for _ in 0..MAX_ITERATIONS {
-        let (hessian, gradient) =
-            normal_equations(problem, &pose, |squared| 1.0 / (1.0 + squared / (CAUCHY_WIDTH * CAUCHY_WIDTH)))?;
-        let mut improved = false;
-        while damping < 1e8 {
-            let damped = hessian + Matrix6::from_diagonal(&(hessian.diagonal() * damping));
-            let step = damped.cholesky().map(|factor| -factor.solve(&gradient));
-            let candidate = step.map(|s: Vector6<f64>| {
-                pose.perturbed(&s.fixed_rows::<3>(0).into_owned(), &s.fixed_rows::<3>(3).into_owned())
-            });
-            if let Some((candidate, lower)) =
-                candidate.and_then(|c| robust_cost(problem, &c).filter(|new| *new < cost).map(|new| (c, new)))
-            {
-                improved = cost - lower > MIN_COST_CHANGE;
-                (pose, cost) = (candidate, lower);
-                damping = (damping * 0.1).max(1e-9);
-                break;
+impl Refined {
+    /// `None` when a point is behind the camera.
+    pub(super) fn at(problem: &Problem, pose: Pose, loss: &impl Loss) -> Option<Self> {
+        let rotation = pose.rotation().matrix();
+        let mut squares = [0.0; MAX_POINTS];
+        let mut blocks = [Matrix3::zeros(); 3];
+        let mut gradient = [Vector3::zeros(); 2];
+        for (seen, squared) in problem.observations().iter().zip(&mut squares) {
+            let rotated = rotation * seen.point;
+            let (residual, by_point) = residual_and_jacobian(seen, &(rotated + pose.translation()))?;
+            *squared = residual.norm_squared();
+            let weight = loss.weight(*squared);
+            if weight > 0.0 {
+                let by_turn = -by_point * skew(&rotated);
+                let weighted = by_point.transpose() * weight;
+                blocks[0] += weighted * by_point;
+                blocks[1] += weighted * by_turn;
+                blocks[2] += by_turn.transpose() * weight * by_turn;
+                gradient[0] += weighted * residual;
+                gradient[1] += by_turn.transpose() * (residual * weight);
             }
-            damping *= 10.0;
         }
-        if !improved {
+        let mut hessian = Matrix6::zeros();
+        hessian.fixed_view_mut::<3, 3>(0, 0).copy_from(&blocks[0]);
+        hessian.fixed_view_mut::<3, 3>(0, 3).copy_from(&blocks[1]);
+        hessian.fixed_view_mut::<3, 3>(3, 0).copy_from(&blocks[1].transpose());
+        hessian.fixed_view_mut::<3, 3>(3, 3).copy_from(&blocks[2]);
+        let mut stacked = Vector6::zeros();
+        stacked.fixed_rows_mut::<3>(0).copy_from(&gradient[0]);
+        stacked.fixed_rows_mut::<3>(3).copy_from(&gradient[1]);
+        let cost = loss.cost(&squares[..problem.observations().len()]);
+        Some(Self { pose, cost, hessian, gradient: stacked })
+    }
+}
+
+/// Lowers the cost of a pose. Every accepted step keeps all points in front of the camera. `None` when the start does
+/// not.
+pub(super) fn refine(problem: &Problem, start: Pose, loss: &impl Loss, effort: Effort) -> Option<Refined> {
+    let mut best = Refined::at(problem, start.orthonormalised(), loss)?;
+    let mut damping = 1e-6;
+    for _ in 0..effort.max_steps {
+        let mut decrement = 0.0;
+        let lower = loop {
+            let damped = best.hessian + Matrix6::from_diagonal(&(best.hessian.diagonal() * damping));
+            let step = damped.cholesky().map(|factor| -factor.solve(&best.gradient));
+            let lower = step.and_then(|step| {
+                decrement = -step.dot(&best.gradient);
+                let (translation, rotation) = parts(&step);
+                let moved = Refined::at(problem, best.pose.perturbed(&translation, &rotation), loss)?;
+                (moved.cost <= best.cost).then_some(moved)
+            });
+            if lower.is_some() || damping > MAX_DAMPING || decrement < effort.tolerance {
+                break lower;
+            }
+            damping = (damping * 30.0).max(1e-3);
+        };
+        let Some(lower) = lower else { break };
+        best = lower;
+        damping *= 0.1;
+        if decrement < effort.tolerance {
             break;
         }
     }
-    Some(Refined { pose, cost })
+    Some(best)
 }
 
-/// The Gauss-Newton Hessian over the points for which `weight` (of the squared Mahalanobis distance) is not zero, and
-/// the gradient.
-pub(super) fn normal_equations(
-    problem: &Problem,
-    pose: &Pose,
-    weight: impl Fn(f64) -> f64,
-) -> Option<(Matrix6<f64>, Vector6<f64>)> {
-    let mut hessian = Matrix6::zeros();
-    let mut gradient = Vector6::zeros();
-    for index in 0..problem.len() {
-        let (residual, jacobian) = residual_and_jacobian(problem, index, pose)?;
-        let weight = weight(residual.norm_squared());
-        hessian += jacobian.transpose() * jacobian * weight;
-        gradient += jacobian.transpose() * residual * weight;
-    }
-    Some((hessian, gradient))
-}
-
-/// The whitened residual of a point and its derivative by the step (translation, rotation).
-fn residual_and_jacobian(problem: &Problem, index: usize, pose: &Pose) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
-    let rotated = pose.rotation() * problem.point(index);
-    let in_camera = rotated + pose.translation();
-    let residual = problem.residual(index, &in_camera)?;
-    let inverse_depth = in_camera.z.recip();
-    let projection = Matrix2x3::new(
-        inverse_depth,
-        0.0,
-        -in_camera.x * inverse_depth * inverse_depth,
-        0.0,
-        inverse_depth,
-        -in_camera.y * inverse_depth * inverse_depth,
-    );
-    let by_point = problem.whitening(index) * projection;
-    let mut jacobian = Matrix2x6::zeros();
-    jacobian.fixed_columns_mut::<3>(0).copy_from(&by_point);
-    jacobian.fixed_columns_mut::<3>(3).copy_from(&(-by_point * skew(&rotated)));
-    Some((residual, jacobian))
-}
-
-/// Sum of Cauchy losses; `None` when a point is behind the camera.
-fn robust_cost(problem: &Problem, pose: &Pose) -> Option<f64> {
-    let width = CAUCHY_WIDTH * CAUCHY_WIDTH;
-    let mut cost = 0.0;
-    for index in 0..problem.len() {
-        let squared = problem.mahalanobis_squared(index, pose);
-        if !squared.is_finite() {
-            return None;
-        }
-        cost += width * (squared / width).ln_1p();
-    }
-    Some(cost)
+/// The whitened residual of a point in frame `camera`, and its derivative by the point.
+fn residual_and_jacobian(seen: &Observation, point_in_camera: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+    let residual = seen.residual(point_in_camera)?;
+    Some((residual, seen.whitening * normalised_by_point(point_in_camera)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Camera;
-    use nalgebra::{Matrix2, Rotation3, Vector3};
+    use nalgebra::{Matrix2, Rotation3};
     use proptest::prelude::*;
 
     proptest! {
+        /// The gradient is that of the cost, for both losses: half of it, since costs are squares.
         #[test]
-        fn jacobian_agrees_with_differences(
+        fn gradient_agrees_with_differences(
             rotation in prop::array::uniform3(-3.0..3.0f64),
             offset in prop::array::uniform2(-0.2..0.2f64),
             noise in prop::array::uniform2(-5.0..5.0f64),
@@ -125,18 +162,25 @@ mod tests {
             let pixels = points.map(|p| camera.project(&pose.transform(&p)).unwrap() + Vector2::from(noise));
             let covariances = [Matrix2::new(2.0, 0.7, 0.7, 1.0); 4];
             let problem = Problem::new(&points, &pixels, &covariances, &camera, 0.0).unwrap();
-            for index in 0..4 {
-                let (residual, jacobian) = residual_and_jacobian(&problem, index, &pose).unwrap();
-                for axis in 0..6 {
-                    let mut step = Vector6::zeros();
-                    step[axis] = 1e-6;
-                    let moved = pose.perturbed(&step.fixed_rows::<3>(0).into(), &step.fixed_rows::<3>(3).into());
-                    let after = problem.residual(index, &moved.transform(problem.point(index))).unwrap();
-                    let numeric = (after - residual) / 1e-6;
-                    let apart = (numeric - jacobian.column(axis)).norm();
-                    prop_assert!(apart < 1e-3 * (1.0 + numeric.norm()), "{numeric} {}", jacobian.column(axis));
-                }
-            }
+            check(&problem, pose, &Cauchy { width: 2.0 })?;
+            check(&problem, pose, &Truncated { limit: 1e9 })?;
         }
+    }
+
+    fn check(problem: &Problem, pose: Pose, loss: &impl Loss) -> Result<(), TestCaseError> {
+        let at = Refined::at(problem, pose, loss).unwrap();
+        for axis in 0..6 {
+            let cost = |size: f64| {
+                let (translation, rotation) = parts(&(Vector6::ith(axis, size)));
+                Refined::at(problem, pose.perturbed(&translation, &rotation), loss).unwrap().cost
+            };
+            let numeric = (cost(1e-6) - cost(-1e-6)) / 4e-6;
+            prop_assert!(
+                (numeric - at.gradient[axis]).abs() < 1e-4 * (1.0 + at.gradient.norm()),
+                "{axis} {numeric} {}",
+                at.gradient
+            );
+        }
+        Ok(())
     }
 }

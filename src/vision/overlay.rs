@@ -25,7 +25,7 @@ pub fn draw_marks(image: &mut RgbImage, camera: &Camera, marks: &[Mark]) {
     for mark in marks {
         draw_box(image, &mark.bounding_box, mark.box_colour);
         let Some(pose) = mark.camera_from_object else { continue };
-        let pixel = |point: Vector3<f64>| camera.project(&pose.transform(&point));
+        let pixel = |point: Vector3<f64>| camera.project(&pose.transform(&point)).ok();
         let Some(origin) = pixel(Vector3::zeros()) else { continue };
         for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {
             let mut tip = Vector3::zeros();

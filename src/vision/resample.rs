@@ -4,7 +4,7 @@ use image::RgbImage;
 use nalgebra::Vector2;
 use thiserror::Error;
 
-use crate::geometry::AxisAlignedAffine;
+use crate::geometry::Affine;
 
 /// A box in image pixels; `x`, `y` is the top left pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,7 @@ impl BoundingBox {
 pub struct Resampled {
     /// RGB, row by row.
     pub rgb: Vec<u8>,
-    pub crop_from_image: AxisAlignedAffine,
+    pub crop_from_image: Affine,
 }
 
 /// A region that cannot be resampled.
@@ -95,8 +95,7 @@ pub fn crop_square(
     let source = ImageRef::new(canvas.width(), canvas.height(), canvas.as_raw(), PixelType::U8x3)?;
     let mut target = Image::new(size, size, PixelType::U8x3);
     resizer.resize(&source, &mut target, &options)?;
-    let crop_from_image =
-        AxisAlignedAffine::region_to_image(top_left, Vector2::repeat(side), Vector2::repeat(f64::from(size)));
+    let crop_from_image = Affine::region_to_image(top_left, Vector2::repeat(side), Vector2::repeat(f64::from(size)));
     Ok(Resampled { rgb: target.into_vec(), crop_from_image })
 }
 
@@ -125,7 +124,7 @@ pub fn letterbox(
         let start = 3 * row * width as usize;
         rgb[start..start + line.len()].copy_from_slice(line);
     }
-    let crop_from_image = AxisAlignedAffine::region_to_image(
+    let crop_from_image = Affine::region_to_image(
         Vector2::zeros(),
         Vector2::new(from_width, from_height),
         Vector2::new(f64::from(inner_width), f64::from(inner_height)),

@@ -30,8 +30,8 @@ impl From<ObjectPose> for proto::ObjectPose {
         let region = found.detection.bounding_box;
         Self {
             object: found.object,
-            status: proto::Status::from(found.status).into(),
-            reasons: found.reasons.into_iter().map(|reason| proto::Reason::from(reason).into()).collect(),
+            status: proto::Status::from(found.verdict.status).into(),
+            reasons: found.verdict.reasons.iter().map(|reason| proto::Reason::from(reason).into()).collect(),
             r#box: Some(proto::BoundingBox {
                 x_px: region.x,
                 y_px: region.y,

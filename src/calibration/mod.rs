@@ -3,9 +3,15 @@
 //! The keypoints' frame was drawn at random before training, so a pose solved from them says nothing of the object's
 //! frame until the constant `object_from_keypoints` is measured on a reference image with a known pose.
 
-use nalgebra::{Matrix3, Matrix6};
+mod average;
+mod clicks;
 
-use crate::geometry::{Covariance6, Pose, skew};
+pub use average::{AverageError, Averaged, Consensus, Mode, ReferenceResidual, average};
+pub use clicks::{Click, ClickError, ClickResidual, ClickedPair, ClickedReference, FrameClicks, reference_from_clicks};
+
+use nalgebra::Matrix6;
+
+use crate::geometry::{Covariance6, Pose, block_diagonal, skew};
 
 /// `object_from_keypoints` with its covariance along the axes of the frame `object`.
 #[derive(Clone, Debug)]
@@ -51,16 +57,10 @@ impl Offset {
     }
 }
 
-fn block_diagonal(rotation: &Matrix3<f64>) -> Matrix6<f64> {
-    let mut matrix = Matrix6::zeros();
-    matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
-    matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation);
-    matrix
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::parts;
     use nalgebra::{Rotation3, Vector3, Vector6};
     use proptest::prelude::*;
 
@@ -69,19 +69,9 @@ mod tests {
             .prop_map(|(r, t)| Pose::new(Rotation3::new(Vector3::from(r)), Vector3::from(t)))
     }
 
-    /// The step along the parent's axes that leads from one pose to another close by.
-    fn step(from: &Pose, to: &Pose) -> Vector6<f64> {
-        let translation = to.translation() - from.translation();
-        // The antisymmetric part: an angle from the trace would lose all digits of so small a turn.
-        let turn = to.rotation().matrix() * from.rotation().matrix().transpose();
-        let rotation = Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0;
-        Vector6::from_iterator(translation.iter().chain(rotation.iter()).copied())
-    }
-
     fn perturbed(pose: &Pose, axis: usize, size: f64) -> Pose {
-        let mut step = Vector6::zeros();
-        step[axis] = size;
-        pose.perturbed(&step.fixed_rows::<3>(0).into(), &step.fixed_rows::<3>(3).into())
+        let (translation, rotation) = parts(&Vector6::ith(axis, size));
+        pose.perturbed(&translation, &rotation)
     }
 
     const SMALL: f64 = 1e-6;
@@ -91,7 +81,7 @@ mod tests {
         let centre = function(at);
         let mut jacobian = Matrix6::zeros();
         for axis in 0..6 {
-            jacobian.set_column(axis, &(step(&centre, &function(&perturbed(at, axis, SMALL))) / SMALL));
+            jacobian.set_column(axis, &(centre.step_to(&function(&perturbed(at, axis, SMALL))) / SMALL));
         }
         jacobian * covariance * jacobian.transpose()
     }

@@ -1,0 +1,291 @@
+mod file;
+mod lens;
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use file::CameraFile;
+use lens::{Lens, Model};
+
+/// Points nearer to the camera's plane than this (metres) count as not in front of it.
+const MIN_DEPTH_M: f64 = 1e-9;
+
+/// A camera: pinhole, or with one of OpenCV's lens models. Its parameters belong to the posted image, in that image's
+/// pixels. Equation: `pixel = (fx, fy) * lens(x / z, y / z) + (cx, cy)` for a point `(x, y, z)` in frame `camera`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "CameraFile", into = "CameraFile")]
+pub struct Camera {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    lens: Lens,
+    /// Image size in pixels that the parameters were calibrated for, if known.
+    size: Option<(u32, u32)>,
+}
+
+/// A point or a pixel that a camera cannot map.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+pub enum ProjectionError {
+    #[error("point is not in front of the camera: its depth is {depth_m} m")]
+    BehindCamera { depth_m: f64 },
+    #[error(
+        "point is outside the domain of the lens model: the distortion polynomial folds back there, or the ray is \
+         more than 88 degrees from the optical axis"
+    )]
+    OutsideLens,
+}
+
+/// Camera parameters that cannot describe a camera.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CameraError {
+    #[error("camera field '{field}' is {value}; a focal length must be a positive number of pixels below 1e6")]
+    FocalLength { field: &'static str, value: f64 },
+    #[error("camera field '{field}' is {value}; the principal point must be a number of pixels between -1e5 and 1e5")]
+    PrincipalPoint { field: &'static str, value: f64 },
+    #[error("camera fields 'width' and 'height' must both be given, and positive")]
+    Size,
+    #[error(
+        "camera is calibrated for {calibrated_width}x{calibrated_height} pixels but the image is {width}x{height}; \
+         post the image as the camera took it, or a camera file for this size"
+    )]
+    ImageSize { calibrated_width: u32, calibrated_height: u32, width: u32, height: u32 },
+    #[error(
+        "camera model 'pinhole' has no distortion, but {0} coefficients were given; use model 'opencv' or 'fisheye'"
+    )]
+    PinholeDistortion(usize),
+    #[error("camera model '{model}' needs {expected} values in 'distortion'; {given} were given")]
+    DistortionCount { model: &'static str, expected: &'static str, given: usize },
+    #[error("camera field 'distortion': value {index} is not finite")]
+    DistortionValue { index: usize },
+}
+
+impl Camera {
+    /// # Errors
+    /// When a focal length is not a positive number or the principal point is far outside any image.
+    pub fn pinhole(fx: f64, fy: f64, cx: f64, cy: f64) -> Result<Self, CameraError> {
+        for (field, value) in [("fx", fx), ("fy", fy)] {
+            if !(value > 0.0 && value < 1e6) {
+                return Err(CameraError::FocalLength { field, value });
+            }
+        }
+        for (field, value) in [("cx", cx), ("cy", cy)] {
+            if value.is_nan() || value.abs() >= 1e5 {
+                return Err(CameraError::PrincipalPoint { field, value });
+            }
+        }
+        Ok(Self { fx, fy, cx, cy, lens: Lens::new(Model::Pinhole), size: None })
+    }
+
+    /// States the image size (pixels) that the parameters belong to.
+    ///
+    /// # Errors
+    /// When a side is 0.
+    pub fn with_size(mut self, width: u32, height: u32) -> Result<Self, CameraError> {
+        if width == 0 || height == 0 {
+            return Err(CameraError::Size);
+        }
+        self.size = Some((width, height));
+        Ok(self)
+    }
+
+    /// # Errors
+    /// When the camera was calibrated for another image size.
+    pub fn check_image_size(&self, width: u32, height: u32) -> Result<(), CameraError> {
+        match self.size {
+            Some((calibrated_width, calibrated_height)) if (calibrated_width, calibrated_height) != (width, height) => {
+                Err(CameraError::ImageSize { calibrated_width, calibrated_height, width, height })
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    /// Focal lengths `(fx, fy)` in pixels.
+    #[must_use]
+    pub fn focal(&self) -> Vector2<f64> {
+        Vector2::new(self.fx, self.fy)
+    }
+
+    /// Pixels of a point in frame `camera` (metres).
+    ///
+    /// # Errors
+    /// When the point is not in front of the camera, or outside the domain of the lens model.
+    pub fn project(&self, point_in_camera: &Vector3<f64>) -> Result<Vector2<f64>, ProjectionError> {
+        let normalised = normalised(point_in_camera)?;
+        if self.lens.is_pinhole() {
+            return Ok(self.to_pixels(&normalised));
+        }
+        let (moved, _) = self.lens.distort(&normalised).ok_or(ProjectionError::OutsideLens)?;
+        Ok(self.to_pixels(&moved))
+    }
+
+    /// As [`Camera::project`], with the derivative of the pixel by the point (px/m).
+    ///
+    /// # Errors
+    /// As [`Camera::project`].
+    pub fn project_with_jacobian(
+        &self,
+        point_in_camera: &Vector3<f64>,
+    ) -> Result<(Vector2<f64>, Matrix2x3<f64>), ProjectionError> {
+        let normalised = normalised(point_in_camera)?;
+        let (moved, by_normalised) = self.lens.distort(&normalised).ok_or(ProjectionError::OutsideLens)?;
+        let by_point = normalised_by_point(point_in_camera);
+        Ok((self.to_pixels(&moved), Matrix2::from_diagonal(&self.focal()) * by_normalised * by_point))
+    }
+
+    /// The point of the plane z = 1 that projects to a pixel.
+    ///
+    /// # Errors
+    /// When no ray within the domain of the lens model meets the pixel.
+    pub fn unproject(&self, pixel: &Vector2<f64>) -> Result<Vector2<f64>, ProjectionError> {
+        self.unproject_with_jacobian(pixel).map(|(point, _)| point)
+    }
+
+    /// As [`Camera::unproject`], with the derivative of the point by the pixel (1/px).
+    ///
+    /// # Errors
+    /// As [`Camera::unproject`].
+    pub fn unproject_with_jacobian(
+        &self,
+        pixel: &Vector2<f64>,
+    ) -> Result<(Vector2<f64>, Matrix2<f64>), ProjectionError> {
+        let moved = Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        let by_pixel = Matrix2::new(self.fx.recip(), 0.0, 0.0, self.fy.recip());
+        let (point, by_moved) = self.lens.undistort(&moved).ok_or(ProjectionError::OutsideLens)?;
+        Ok((point, by_moved * by_pixel))
+    }
+
+    fn to_pixels(&self, moved: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(self.fx * moved.x + self.cx, self.fy * moved.y + self.cy)
+    }
+}
+
+fn normalised(point_in_camera: &Vector3<f64>) -> Result<Vector2<f64>, ProjectionError> {
+    let depth = point_in_camera.z;
+    if depth > MIN_DEPTH_M {
+        Ok(point_in_camera.xy() / depth)
+    } else {
+        Err(ProjectionError::BehindCamera { depth_m: depth })
+    }
+}
+
+/// Derivative of `(x / z, y / z)` by the point.
+pub(crate) fn normalised_by_point(point: &Vector3<f64>) -> Matrix2x3<f64> {
+    let inverse = point.z.recip();
+    let (x, y) = (point.x * inverse, point.y * inverse);
+    Matrix2x3::new(inverse, 0.0, -x * inverse, 0.0, inverse, -y * inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn pinhole() -> Camera {
+        Camera::pinhole(612.0, 598.0, 319.5, 239.5).unwrap()
+    }
+
+    /// Lenses as calibrations find them, of every kind.
+    fn any_camera() -> impl Strategy<Value = Camera> {
+        let opencv = (
+            prop::array::uniform4(-0.3..0.3f64),
+            prop::array::uniform8(-0.01..0.01f64),
+            prop::sample::select(vec![4, 5, 8, 12]),
+        )
+            .prop_map(|([k1, k2, k4, k5], [p1, p2, k3, k6, s1, s2, s3, s4], count)| {
+                let [p1, p2] = [p1 / 5.0, p2 / 5.0];
+                let all = [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4];
+                pinhole().with_opencv_distortion(&all[..count]).unwrap()
+            });
+        let fisheye =
+            prop::array::uniform4(-0.02..0.02f64).prop_map(|k| pinhole().with_fisheye_distortion(&k).unwrap());
+        prop_oneof![Just(pinhole()), opencv, fisheye]
+    }
+
+    proptest! {
+        #[test]
+        fn unproject_undoes_project(camera in any_camera(), x in -0.9..0.9f64, y in -0.9..0.9f64, z in 0.1..5.0f64) {
+            let point = Vector3::new(x * z, y * z, z);
+            let Ok(pixel) = camera.project(&point) else {
+                // Only a lens may refuse a point in front of the camera.
+                prop_assert!(camera != pinhole());
+                return Ok(());
+            };
+            let ray = camera.unproject(&pixel).unwrap();
+            prop_assert!((camera.project(&ray.push(1.0)).unwrap() - pixel).norm() < 1e-8);
+            prop_assert!((ray - Vector2::new(x, y)).norm() < 1e-7, "{ray}");
+        }
+
+        /// Whatever the pixel: the ray found projects there, or there is an error.
+        #[test]
+        fn unproject_never_invents(camera in any_camera(), x in -1e4..1e4f64, y in -1e4..1e4f64) {
+            let pixel = Vector2::new(x, y);
+            if let Ok(ray) = camera.unproject(&pixel) {
+                prop_assert!((camera.project(&ray.push(1.0)).unwrap() - pixel).norm() < 1e-6);
+            }
+        }
+
+        #[test]
+        fn jacobians_agree_with_differences(camera in any_camera(), x in -0.5..0.5f64, y in -0.5..0.5f64, z in 0.3..3.0f64) {
+            let point = Vector3::new(x * z, y * z, z);
+            let (pixel, by_point) = camera.project_with_jacobian(&point).unwrap();
+            let (_, by_pixel) = camera.unproject_with_jacobian(&pixel).unwrap();
+            for axis in 0..3 {
+                let step = Vector3::ith(axis, 1e-6);
+                let numeric = (camera.project(&(point + step)).unwrap() - camera.project(&(point - step)).unwrap()) / 2e-6;
+                prop_assert!((numeric - by_point.column(axis)).norm() < 1e-4 * by_point.norm());
+            }
+            for axis in 0..2 {
+                let step = Vector2::ith(axis, 1e-3);
+                let numeric = (camera.unproject(&(pixel + step)).unwrap() - camera.unproject(&(pixel - step)).unwrap()) / 2e-3;
+                prop_assert!((numeric - by_pixel.column(axis)).norm() < 1e-4 * by_pixel.norm());
+            }
+        }
+
+        #[test]
+        fn json_round_trip(camera in any_camera()) {
+            let json = serde_json::to_string(&camera).unwrap();
+            prop_assert_eq!(serde_json::from_str::<Camera>(&json).unwrap(), camera);
+        }
+    }
+
+    #[test]
+    fn points_behind_the_camera_have_no_pixel() {
+        let camera = pinhole();
+        for depth_m in [-1.0, 0.0] {
+            let behind = Err(ProjectionError::BehindCamera { depth_m });
+            assert_eq!(camera.project(&Vector3::new(0.1, 0.1, depth_m)), behind);
+        }
+    }
+
+    #[test]
+    fn points_beyond_the_fold_of_a_lens_have_no_pixel() {
+        // r (1 - 0.3 r²) grows up to r = 1.054, where it is 0.703.
+        let camera = pinhole().with_opencv_distortion(&[-0.3, 0.0, 0.0, 0.0]).unwrap();
+        assert!(camera.project(&Vector3::new(1.05, 0.0, 1.0)).is_ok());
+        assert_eq!(camera.project(&Vector3::new(1.06, 0.0, 1.0)), Err(ProjectionError::OutsideLens));
+        let pixel = |radius: f64| Vector2::new(319.5 + 612.0 * radius, 239.5);
+        assert!(camera.unproject(&pixel(0.70)).is_ok());
+        assert_eq!(camera.unproject(&pixel(0.71)), Err(ProjectionError::OutsideLens));
+        assert_eq!(camera.unproject(&Vector2::new(f64::NAN, 0.0)), Err(ProjectionError::OutsideLens));
+    }
+
+    #[test]
+    fn bad_parameters_name_their_field() {
+        let error = |json: &str| serde_json::from_str::<Camera>(json).unwrap_err().to_string();
+        assert!(error(r#"{"model":"pinhole","fx":-1,"fy":1,"cx":0,"cy":0}"#).contains("'fx'"));
+        assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":1e9}"#).contains("'cy'"));
+        assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"width":5}"#).contains("'height'"));
+        assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"k1":0}"#).contains("k1"));
+        assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"distortion":[0.1]}"#).contains("pinhole"));
+        assert!(error(r#"{"model":"opencv","fx":1,"fy":1,"cx":0,"cy":0}"#).contains("4, 5, 8 or 12"));
+        assert!(error(r#"{"model":"fisheye","fx":1,"fy":1,"cx":0,"cy":0,"distortion":[1]}"#).contains("needs 4"));
+        assert!(error(r#"{"model":"tilted","fx":1,"fy":1,"cx":0,"cy":0}"#).contains("tilted"));
+        assert!(Camera::pinhole(f64::NAN, 1.0, 0.0, 0.0).is_err());
+        assert_eq!(
+            pinhole().with_fisheye_distortion(&[0.0, f64::NAN, 0.0, 0.0]),
+            Err(CameraError::DistortionValue { index: 1 })
+        );
+    }
+}
