@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint bench fmt train-env train-test
+.PHONY: help serve test build onnxruntime lint bench bench-pnp fmt train-env train-test
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -30,6 +30,15 @@ fmt: ## Formats the code.
 
 bench: onnxruntime ## Times the solver and the stages around the networks.
 	cargo bench --locked
+
+COMPARE := benches/compare/.venv
+$(COMPARE)/.done: benches/compare/requirements.txt
+	python3 -m venv $(COMPARE)
+	$(COMPARE)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
+	touch $@
+
+bench-pnp: onnxruntime $(COMPARE)/.done ## Compares the solver with OpenCV and PoseLib; writes docs/benchmarks/pnp.md.
+	$(COMPARE)/bin/python benches/compare/pnp.py docs/benchmarks/pnp.md
 
 VENV := training/.venv
 UV := 0.13.9
