@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint bench bench-pnp fmt train-env train-test
+.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp fmt train-env train-test
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -18,12 +18,21 @@ serve: onnxruntime build ## Serves the bundled models on ports 8080 (HTTP) and 9
 	@echo
 	target/release/posed serve --cameras samples
 
+# Built once: three minutes on two cores.
+DENY := .tools/bin/cargo-deny
+$(DENY):
+	cargo install --quiet --locked --root .tools --no-default-features --version 0.20.2 cargo-deny
+
 test: onnxruntime ## Runs the unit, property and end-to-end tests.
 	cargo test --release --locked
 
-lint: ## Formatting and lints, as CI runs them.
+lint: $(DENY) ## Formatting, lints, licences and sources of dependencies, as CI runs them.
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+	$(DENY) --locked check --hide-inclusion-graph bans licenses sources
+
+advisories: $(DENY) ## Known vulnerabilities of dependencies (fetches the RustSec database).
+	$(DENY) --locked check advisories
 
 fmt: ## Formats the code.
 	cargo fmt

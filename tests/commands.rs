@@ -58,6 +58,60 @@ fn calibrate_makes_a_reference_that_works() {
     assert_within(sample, &answer, 0.25);
 }
 
+/// A scene of the same image several times; its objects' stated poses are shifted by these lengths (mm).
+fn scene_with_shifts(shifts: &[f64]) -> tempfile::TempDir {
+    let folder = copy_of(SCENE);
+    let change = |name: &str, edit: &dyn Fn(Value, f64) -> Value| {
+        let path = folder.path().join(name);
+        let entries: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+        let all: serde_json::Map<String, Value> =
+            shifts.iter().enumerate().map(|(id, shift)| (id.to_string(), edit(entries["0"].clone(), *shift))).collect();
+        fs::write(path, serde_json::to_vec(&all).unwrap()).unwrap();
+    };
+    for name in ["scene_camera.json", "scene_gt_info.json"] {
+        change(name, &|entry, _| entry);
+    }
+    change("scene_gt.json", &|mut entry, shift| {
+        for object in entry.as_array_mut().unwrap() {
+            let x = object["cam_t_m2c"][0].as_f64().unwrap();
+            object["cam_t_m2c"][0] = (x + shift).into();
+        }
+        entry
+    });
+    for id in 1..shifts.len() {
+        let rgb = folder.path().join("rgb");
+        fs::copy(rgb.join("000000.jpg"), rgb.join(format!("{id:06}.jpg"))).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn calibrate_leaves_out_a_wrong_reference() {
+    let reference = tempfile::tempdir().unwrap();
+    let folder = reference.path().to_str().unwrap();
+    let calibrate = |shifts: &[f64], mode: &str| {
+        let scene = scene_with_shifts(shifts);
+        let ids: Vec<_> = (0..shifts.len()).map(|id| id.to_string()).collect();
+        let images = ids.iter().flat_map(|id| ["--image", id]);
+        let scene = scene.path().to_str().unwrap();
+        let common = ["calibrate", "cube", "--scene", scene, "--reference", folder, "--mode", mode];
+        run(&common.into_iter().chain(images).collect::<Vec<_>>())
+    };
+    for mode in ["paper", "weighted"] {
+        let output = calibrate(&[0.0, 200.0, 4.0], mode);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let file = fs::read(reference.path().join("cube.json")).unwrap();
+        let made: Value = serde_json::from_slice(&file).unwrap();
+        assert_eq!(made["method"], mode);
+        let inliers: Vec<_> = made["references"].as_array().unwrap().iter().map(|r| r["inlier"].clone()).collect();
+        assert_eq!(inliers, [true, false, true]);
+        // Both good ones are 2 mm from their mean.
+        assert!((made["references"][0]["residual_mm"].as_f64().unwrap() - 2.0).abs() < 0.01);
+        assert!(reference.path().join("cube-2.jpg").is_file());
+    }
+    assert!(explanation(&calibrate(&[0.0, 200.0], "weighted")).contains("1 of 2 references agree"));
+}
+
 #[test]
 fn calibrate_refuses_what_is_not_there() {
     let reference = tempfile::tempdir().unwrap();

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::manifest::{ManifestError, read_json};
-use crate::calibration::Offset;
+use crate::calibration::{Mode, Offset};
 use crate::geometry::{Camera, Covariance6, Pose, PoseError};
 
 /// A reference that cannot be used or written.
@@ -31,6 +31,7 @@ pub enum ReferenceError {
 pub struct Reference {
     pub object: String,
     pub keypoint_model_sha256: String,
+    pub method: Method,
     pub offset: Offset,
     pub views: Vec<ReferenceView>,
 }
@@ -84,10 +85,28 @@ struct ReferenceFile {
     references: Vec<ReferenceView>,
 }
 
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+/// How the offset follows from the reference images.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum Method {
+pub enum Method {
+    /// One image.
     Single,
+    /// [`Mode::Paper`] over several.
+    Paper,
+    /// [`Mode::Weighted`] over several.
+    Weighted,
+}
+
+impl Method {
+    /// What averaging this many images in a mode is called.
+    #[must_use]
+    pub fn of(images: usize, mode: Mode) -> Self {
+        match (images, mode) {
+            (0 | 1, _) => Self::Single,
+            (_, Mode::Paper) => Self::Paper,
+            (_, Mode::Weighted) => Self::Weighted,
+        }
+    }
 }
 
 impl Reference {
@@ -116,6 +135,7 @@ impl Reference {
         Ok(Self {
             object: file.object,
             keypoint_model_sha256: file.keypoint_model_sha256,
+            method: file.method,
             offset: Offset { object_from_keypoints, covariance },
             views: file.references,
         })
@@ -129,7 +149,7 @@ impl Reference {
         let file = ReferenceFile {
             object: self.object.clone(),
             keypoint_model_sha256: self.keypoint_model_sha256.clone(),
-            method: Method::Single,
+            method: self.method,
             object_from_keypoints: (&self.offset.object_from_keypoints).into(),
             covariance: std::array::from_fn(|row| std::array::from_fn(|column| self.offset.covariance[(row, column)])),
             references: self.views.clone(),
