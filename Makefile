@@ -29,6 +29,7 @@ test: onnxruntime ## Runs the unit, property and end-to-end tests.
 lint: $(DENY) ## Formatting, lints, licences and sources of dependencies, as CI runs them.
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
 	$(DENY) --locked check --hide-inclusion-graph bans licenses sources
 
 advisories: $(DENY) ## Known vulnerabilities of dependencies (fetches the RustSec database).

@@ -35,6 +35,7 @@ pub struct Consensus {
     pub tolerance_rad: f64,
     /// `max_step`: most steps towards the mean.
     pub max_steps: u32,
+    /// Of the random draws; the same seed gives the same answer.
     pub seed: u64,
 }
 
@@ -53,6 +54,7 @@ impl Default for Consensus {
 }
 
 /// References that no offset follows from.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum AverageError {
     #[error("no references; at least one reference image with a known pose is needed")]
@@ -72,6 +74,7 @@ pub enum AverageError {
 /// The offset of several references and how far each of them is from it.
 #[derive(Clone, Debug)]
 pub struct Averaged {
+    /// The common offset, with the covariance that the references leave it.
     pub offset: Offset,
     /// One for each reference.
     pub residuals: Vec<ReferenceResidual>,
@@ -80,8 +83,11 @@ pub struct Averaged {
 /// How far one reference's offset is from the common one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceResidual {
+    /// Whether the offset rests on this reference.
     pub inlier: bool,
+    /// Angle between this reference's offset and the common one.
     pub rotation_rad: f64,
+    /// Distance between their translations.
     pub translation_m: f64,
 }
 

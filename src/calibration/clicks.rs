@@ -10,17 +10,22 @@ use crate::pnp::{self, MAX_POINTS, MIN_POINTS, PnpError};
 /// One point of the object, in pixels of both images.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Click {
+    /// Where it is in the first image.
     pub first_px: Vector2<f64>,
+    /// Where it is in the second image.
     pub second_px: Vector2<f64>,
 }
 
 /// Two images of one still object.
 #[derive(Clone, Debug)]
 pub struct ClickedPair<'a> {
+    /// Of the first image.
     pub first_camera: &'a Camera,
+    /// Of the second image.
     pub second_camera: &'a Camera,
     /// Relative pose of the cameras, metres.
     pub second_from_first: Pose,
+    /// 4 to 16 points.
     pub clicks: &'a [Click],
     /// Standard deviation of a click, pixels.
     pub sigma_px: f64,
@@ -42,6 +47,7 @@ pub struct FrameClicks {
 pub struct ClickedReference {
     /// Pose of the user's frame in the first image.
     pub camera_from_object: Pose,
+    /// Covariance of the pose, from the clicks' errors in the first image.
     pub covariance: Covariance6,
     /// The clicked points, metres, in the user's frame.
     pub points_in_object: Vec<Vector3<f64>>,
@@ -54,6 +60,7 @@ pub struct ClickedReference {
 pub struct ClickResidual {
     /// Reprojection error of the triangulated point in each image.
     pub first_px: f64,
+    /// The same in the second image.
     pub second_px: f64,
     /// Distance of the triangulated point from the further of its two rays, millimetres.
     pub ray_mm: f64,
@@ -62,6 +69,7 @@ pub struct ClickResidual {
 }
 
 /// Clicks that no reference pose follows from.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ClickError {
     #[error("{0} clicked points; between {MIN_POINTS} and {MAX_POINTS} are needed")]

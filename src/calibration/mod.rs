@@ -3,6 +3,8 @@
 //! The keypoints' frame was drawn at random before training, so a pose solved from them says nothing of the object's
 //! frame until the constant `object_from_keypoints` is measured on a reference image with a known pose.
 
+#![warn(missing_docs)]
+
 mod average;
 mod clicks;
 
@@ -16,7 +18,9 @@ use crate::geometry::{Covariance6, Pose, block_diagonal, skew};
 /// `object_from_keypoints` with its covariance along the axes of the frame `object`.
 #[derive(Clone, Debug)]
 pub struct Offset {
+    /// The keypoints' frame in the user's, metres.
     pub object_from_keypoints: Pose,
+    /// Of a step along the axes of frame `object`, see [`Pose::perturbed`].
     pub covariance: Covariance6,
 }
 

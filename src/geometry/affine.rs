@@ -26,11 +26,13 @@ impl Affine {
         Self { linear: Matrix2::from_diagonal(&scale), offset: (half - top_left).component_mul(&scale) - half }
     }
 
+    /// Where a point is mapped to, pixels.
     #[must_use]
     pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
         self.linear * point + self.offset
     }
 
+    /// The map back.
     #[must_use]
     pub fn inverse(&self) -> Self {
         // By construction there is one: the adjugate over the determinant.

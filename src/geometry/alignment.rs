@@ -5,6 +5,7 @@ use super::Pose;
 use super::pose::nearest_rotation;
 
 /// Point sets that no rigid transform can be fitted to.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum AlignmentError {
     #[error("{from} points to be aligned with {to}; the counts must be equal and at least 3")]

@@ -9,6 +9,8 @@
 //! - 6x6 covariances are row-major in the order x, y, z, rotation about x, y, z, as in ROS
 //!   `geometry_msgs/PoseWithCovariance`: translation and a small rotation about the fixed axes of the parent frame.
 
+#![warn(missing_docs)]
+
 mod affine;
 mod alignment;
 mod camera;

@@ -12,6 +12,7 @@ pub struct Pose {
 }
 
 /// Numbers that are not a rigid transform.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PoseError {
     #[error("pose has a value that is not finite")]
@@ -34,6 +35,7 @@ impl Pose {
         Self { rotation, translation }
     }
 
+    /// The frame in itself.
     #[must_use]
     pub fn identity() -> Self {
         Self::new(Rotation3::identity(), Vector3::zeros())
@@ -96,11 +98,13 @@ impl Pose {
         Ok(Self::new(Rotation3::new(rotation.into()), translation_m.into()))
     }
 
+    /// Rotation of frame b in frame a.
     #[must_use]
     pub fn rotation(&self) -> &Rotation3<f64> {
         &self.rotation
     }
 
+    /// Origin of frame b in frame a, metres.
     #[must_use]
     pub fn translation(&self) -> &Vector3<f64> {
         &self.translation
@@ -120,6 +124,7 @@ impl Pose {
         super::lie::rotation_log(&self.rotation)
     }
 
+    /// [`Pose::translation`] as numbers.
     #[must_use]
     pub fn translation_m(&self) -> [f64; 3] {
         self.translation.into()

@@ -12,6 +12,7 @@ const SAME: f64 = 1e-6;
 /// A rotation by any angle about an axis in frame `object`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContinuousSymmetry {
+    /// Direction of the axis.
     pub axis: Unit<Vector3<f64>>,
     /// A point on the axis, metres.
     pub offset_m: Vector3<f64>,
@@ -27,6 +28,7 @@ pub struct Symmetries {
 }
 
 /// Symmetries that cannot be those of an object.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SymmetryError {
     #[error(
@@ -83,6 +85,7 @@ impl Symmetries {
         &self.group
     }
 
+    /// The axis of revolution, if there is one.
     #[must_use]
     pub fn continuous(&self) -> &[ContinuousSymmetry] {
         &self.continuous

@@ -7,8 +7,11 @@ use super::{Pose, normalised_by_point};
 /// What one camera saw of a point.
 #[derive(Clone, Debug)]
 pub struct Observation<'a> {
+    /// Which camera.
     pub camera: &'a Camera,
+    /// Where it was, metres.
     pub camera_from_world: Pose,
+    /// What it saw.
     pub pixel: Vector2<f64>,
     /// px².
     pub covariance_px: Matrix2<f64>,
@@ -26,6 +29,7 @@ pub struct TriangulatedPoint {
 }
 
 /// Observations that no point can be triangulated from.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum TriangulationError {
     #[error("{0} observations; triangulation needs at least 2")]

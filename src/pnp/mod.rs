@@ -14,6 +14,8 @@
 //! Equation and frames: `pixel = project(camera_from_points * point)`, see [`crate::geometry`]. SQPnP (Terzakis and
 //! Lourakis, ECCV 2020) and EPnP are no seeds here: no problem of `benches/compare/pnp.py` needs one.
 
+#![warn(missing_docs)]
+
 mod cubic;
 mod hypotheses;
 mod modes;

@@ -9,6 +9,7 @@ pub const MIN_POINTS: usize = 4;
 pub const MAX_POINTS: usize = 16;
 
 /// Input that no pose can be solved from.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PnpError {
     #[error("{given} points; perspective-n-point needs {MIN_POINTS} to {MAX_POINTS}")]

@@ -5,7 +5,7 @@
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3, Vector6};
 
 use super::problem::{MAX_POINTS, Observation, Problem};
-use crate::geometry::{Pose, normalised_by_point, parts, skew};
+use crate::geometry::{Pose, normalised_by_point, parts};
 
 const MAX_DAMPING: f64 = 1e6;
 
@@ -82,7 +82,9 @@ impl Refined {
             *squared = residual.norm_squared();
             let weight = loss.weight(*squared);
             if weight > 0.0 {
-                let by_turn = -by_point * skew(&rotated);
+                // `-b [r]x` of a row b is `r x b`.
+                let cross = |row: usize| rotated.cross(&by_point.row(row).transpose()).transpose();
+                let by_turn = Matrix2x3::from_rows(&[cross(0), cross(1)]);
                 let weighted = by_point.transpose() * weight;
                 blocks[0] += weighted * by_point;
                 blocks[1] += weighted * by_turn;

@@ -65,20 +65,24 @@ const REASONS: [Reason; 7] = [
 pub struct Reasons(u8);
 
 impl Reasons {
+    /// Adds a reason; adding it again changes nothing.
     pub fn insert(&mut self, reason: Reason) {
         self.0 |= Self::bit(reason);
     }
 
+    /// Whether a reason is among them.
     #[must_use]
     pub fn contains(self, reason: Reason) -> bool {
         self.0 & Self::bit(reason) != 0
     }
 
+    /// Whether there is no reason.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
+    /// The reasons, in the order in which they are reported.
     pub fn iter(self) -> impl Iterator<Item = Reason> {
         REASONS.into_iter().filter(move |reason| self.contains(*reason))
     }
@@ -97,7 +101,9 @@ impl Serialize for Reasons {
 /// A judgement that others can only make worse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Verdict {
+    /// How far to trust the pose.
     pub status: Status,
+    /// Why not further.
     pub reasons: Reasons,
 }
 
@@ -144,15 +150,18 @@ pub struct Solution {
     pub weight: f64,
     /// Other poses that were considered to the end, best first.
     pub alternatives: [Option<Alternative>; 2],
+    /// What the points alone say of the pose.
     pub verdict: Verdict,
 }
 
 /// Another pose that explains the points, with its posterior weight.
 #[derive(Clone, Copy, Debug)]
 pub struct Alternative {
+    /// `camera_from_points`.
     pub pose: Pose,
     /// As [`Solution::covariance`].
     pub covariance: Covariance6,
+    /// Posterior weight, 0..1.
     pub weight: f64,
 }
 
@@ -163,6 +172,7 @@ impl Solution {
         &self.residuals[..self.points]
     }
 
+    /// Number of points that the pose rests on.
     #[must_use]
     pub fn inlier_count(&self) -> usize {
         self.residuals().iter().filter(|residual| residual.inlier).count()

@@ -26,6 +26,7 @@ pub struct Camera {
 }
 
 /// A point or a pixel that a camera cannot map.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum ProjectionError {
     #[error("point is not in front of the camera: its depth is {depth_m} m")]
@@ -38,6 +39,7 @@ pub enum ProjectionError {
 }
 
 /// Camera parameters that cannot describe a camera.
+#[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CameraError {
     #[error("camera field '{field}' is {value}; a focal length must be a positive number of pixels below 1e6")]
