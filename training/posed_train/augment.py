@@ -3,23 +3,23 @@
 import cv2
 import numpy as np
 
-from .crops import CROP_SCALE, PATCH_SCALE, PATCH_SIZE, Patch
-from .network import INPUT_SIZE
+from .crops import CROP_SCALE, PATCH_SCALE, Patch
 
 
 class Augmenter:
-    """Turns patches into network inputs. `backgrounds` are RGB images at least INPUT_SIZE on each side.
+    """Turns patches into network inputs. `size` is its side; `backgrounds` are RGB images of at
+    least this size.
 
     `strength` scales how often and how much everything varies. It starts at 1; lowering it towards the end of a
     training lets the net settle on images like those it will see.
     """
 
-    def __init__(self, backgrounds: list[np.ndarray], rng: np.random.Generator):
-        self.backgrounds, self.rng, self.strength = backgrounds, rng, 1.0
+    def __init__(self, backgrounds: list[np.ndarray], rng: np.random.Generator, size: int):
+        self.backgrounds, self.rng, self.size, self.strength = backgrounds, rng, size, 1.0
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
-        """A crop `[S, S, 3]` uint8 and its keypoints `[N, 2]` in crop pixels."""
-        crop_from_patch = self.random_affine()
+        """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
+        crop_from_patch = self.random_affine(patch.rgb.shape[0])
         crop = self.warp(patch.rgb, crop_from_patch)
         if patch.mask is not None and self.backgrounds:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
@@ -28,36 +28,35 @@ class Augmenter:
         if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)
         crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
-        keypoints = patch.keypoints @ crop_from_patch[:, :2].T + crop_from_patch[:, 2]
-        return np.clip(crop, 0, 255).astype(np.uint8), keypoints
+        return np.clip(crop, 0, 255).astype(np.uint8), crop_from_patch
 
-    def random_affine(self) -> np.ndarray:
+    def random_affine(self, patch_size: int) -> np.ndarray:
         rng = self.rng
         angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 * self.strength else rng.normal(0, np.radians(25))
-        side = PATCH_SIZE / PATCH_SCALE  # the larger box side, in patch pixels
+        side = patch_size / PATCH_SCALE  # the larger box side, in patch pixels
         crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, 0.12))
-        centre = PATCH_SIZE / 2 - 0.5 + side * np.array([truncated_normal(rng, 0.06) for _ in range(2)])
-        c, s = np.cos(angle) * INPUT_SIZE / crop_side, np.sin(angle) * INPUT_SIZE / crop_side
+        centre = patch_size / 2 - 0.5 + side * np.array([truncated_normal(rng, 0.06) for _ in range(2)])
+        c, s = np.cos(angle) * self.size / crop_side, np.sin(angle) * self.size / crop_side
         linear = np.array([[c, -s], [s, c]])
-        return np.column_stack([linear, INPUT_SIZE / 2 - 0.5 - linear @ centre])
+        return np.column_stack([linear, self.size / 2 - 0.5 - linear @ centre])
 
     def warp(self, image: np.ndarray, affine: np.ndarray) -> np.ndarray:
-        return cv2.warpAffine(image, affine, (INPUT_SIZE, INPUT_SIZE), flags=cv2.INTER_LINEAR)
+        return cv2.warpAffine(image, affine, (self.size, self.size), flags=cv2.INTER_LINEAR)
 
     def random_background(self) -> np.ndarray:
         image = self.backgrounds[self.rng.integers(len(self.backgrounds))]
-        side = int(self.rng.integers(INPUT_SIZE, min(image.shape[:2]) + 1))
+        side = int(self.rng.integers(self.size, min(image.shape[:2]) + 1))
         top = self.rng.integers(image.shape[0] - side + 1)
         left = self.rng.integers(image.shape[1] - side + 1)
-        cut = cv2.resize(image[top : top + side, left : left + side], (INPUT_SIZE, INPUT_SIZE))
+        cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
         return cut[:, ::-1] if self.rng.random() < 0.5 else cut
 
     def occlude(self, crop: np.ndarray) -> np.ndarray:
         """Covers a convex blob somewhere over the object with foreign texture."""
         rng = self.rng
-        centre = rng.normal(INPUT_SIZE / 2, INPUT_SIZE / 4.5, 2)
-        points = centre + rng.normal(0, INPUT_SIZE * rng.uniform(0.05, 0.16), (6, 2))
-        blob = np.zeros((INPUT_SIZE, INPUT_SIZE), np.float32)
+        centre = rng.normal(self.size / 2, self.size / 4.5, 2)
+        points = centre + rng.normal(0, self.size * rng.uniform(0.05, 0.16), (6, 2))
+        blob = np.zeros((self.size, self.size), np.float32)
         cv2.fillConvexPoly(blob, cv2.convexHull(points.astype(np.int32)), 1.0, cv2.LINE_AA)
         return crop * (1 - blob[..., None]) + self.random_background() * blob[..., None]
 

@@ -18,12 +18,14 @@ METRES_PER_MILLIMETRE = 1e-3
 class View:
     """One object seen in one image."""
 
+    split: str
     scene: str
     image_id: int
     image_path: Path
     mask_path: Path | None
     camera_matrix: np.ndarray  # [3, 3] pixels
-    camera_from_object: np.ndarray  # [4, 4] metres
+    camera_from_object: np.ndarray | None  # [4, 4] metres, if the dataset states object poses
+    camera_from_world: np.ndarray | None  # [4, 4] metres; the scene's own frame, if the dataset states camera poses
     box: tuple[float, float, float, float]  # x, y, w, h of the visible part, pixels
     visible_fraction: float
 
@@ -62,12 +64,14 @@ def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: i
                 mask = scene_dir / "mask_visib" / f"{int(key):06d}_{index:06d}.png"
                 views.append(
                     View(
+                        split=str(split),
                         scene=scene_dir.name,
                         image_id=int(key),
                         image_path=image_path(scene_dir, int(key)),
                         mask_path=mask if mask.exists() else None,
                         camera_matrix=np.array(cameras[key]["cam_K"]).reshape(3, 3),
-                        camera_from_object=rigid(pose["cam_R_m2c"], pose["cam_t_m2c"]),
+                        camera_from_object=stated_pose(pose, "m2c"),
+                        camera_from_world=stated_pose(cameras[key], "w2c"),
                         box=(x, y, w, h),
                         visible_fraction=info["visib_fract"],
                     )
@@ -82,6 +86,12 @@ def rigid(rotation: list[float], translation_mm: list[float]) -> np.ndarray:
     pose[:3, :3] = np.array(rotation).reshape(3, 3)
     pose[:3, 3] = np.array(translation_mm) * METRES_PER_MILLIMETRE
     return pose
+
+
+def stated_pose(entry: dict, kind: str) -> np.ndarray | None:
+    """The pose `cam_R_<kind>`, `cam_t_<kind>` of an entry, if it has one."""
+    rotation, translation = entry.get(f"cam_R_{kind}"), entry.get(f"cam_t_{kind}")
+    return None if rotation is None or translation is None else rigid(rotation, translation)
 
 
 def read_rgb(path: Path) -> np.ndarray:

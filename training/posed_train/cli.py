@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import config, detector, export, train
+from . import check, config, data, detector, export, train
 from .bop import DatasetError
 
 
@@ -22,6 +22,11 @@ def main() -> None:
     render.add_argument("--views", type=int, default=6)
     render.add_argument("--first", type=int, default=0, help="number of the first scene, to split work over processes")
     render.set_defaults(run=run_render)
+
+    checking = commands.add_parser("check", help="tell whether a dataset can teach a keypoint net, before training")
+    checking.add_argument("settings", type=Path, help="train.toml")
+    checking.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    checking.set_defaults(run=run_check)
 
     keypoints = commands.add_parser("keypoints", help="train one object's keypoint net and export it")
     detect = commands.add_parser("detector", help="train the detector of all objects and export it")
@@ -48,6 +53,11 @@ def run_render(arguments: argparse.Namespace) -> None:
     render_dataset(arguments.models, arguments.out, arguments.scenes, arguments.views, arguments.first)
 
 
+def run_check(arguments: argparse.Namespace) -> None:
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
+
+
 def use_threads(count: int) -> None:
     torch.set_num_threads(count)
     cv2.setNumThreads(count)
@@ -56,18 +66,18 @@ def use_threads(count: int) -> None:
 def run_keypoints(arguments: argparse.Namespace) -> None:
     use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
+    print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
     net, views = train.train(settings, arguments.data, arguments.runs / settings.name, arguments.init)
     scores = train.Validator(settings, arguments.data, views)(net)
     summary = {
         "steps": settings.steps,
         "views": len(views.all),
-        "relative_poses": "object",
+        "relative_poses": settings.poses,
         "validation": {key: round(value, 2) for key, value in scores.items()},
     }
-    targets = export.held_out_targets(views.held_out, views.keypoints_from_object, views.registration.keypoints)
     identity = {"name": settings.name, "obj_id": settings.obj_id}
     out = arguments.models / settings.name
-    export.export_keypoints(net.cpu(), views.registration, views.held_out, targets, out, identity, summary)
+    export.export_keypoints(net.cpu(), views, out, identity, summary)
     print(f"{out}: {summary}")
 
 

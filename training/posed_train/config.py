@@ -1,7 +1,7 @@
 """`train.toml`: all settings of one training. Paths in it are relative to the folder given by `--data`."""
 
 import tomllib
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,12 +12,20 @@ class KeypointConfig:
 
     name: str
     obj_id: int
-    photoreal: str  # BOP split: half of every batch
+    photoreal: str | list[str]  # BOP splits: half of every batch
     rasterised: str = ""  # BOP split of fast renders: the other half; may be left out
     validation: str = ""
     models: str = ""  # BOP models folder: for scores only
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
+    poses: str = "object"  # where relative poses come from: `object` poses, or the `camera` poses of still scenes
+    masks: bool = True  # use them where there are any, to paste the object on other backgrounds
+    network: str = "lite"  # or `paper`
+    keypoint_shape: str = "cube"
+    keypoint_count: int = 8  # of the random shapes
+    symmetries_discrete: list[list[float]] = field(default_factory=list)  # of the object, as in BOP's models_info.json
+    loss: str = "component"  # `pairwise` and `registration`: the paper's losses, the latter without consistency
     held_out_scenes: int = 6  # last scenes of `photoreal`, kept for calibrating the covariances
+    held_out_every: int = 8  # where there are too few scenes: every so manieth view instead
     min_visible: float = 0.35
     steps: int = 12500
     batch: int = 32
@@ -52,7 +60,7 @@ def load(path: Path, kind: type[Config]) -> Config:
     unknown = set(values) - {field.name for field in fields(kind)}
     if unknown:
         raise ValueError(f"{path}: unknown setting {sorted(unknown)[0]!r}")
-    missing = {f.name for f in fields(kind) if f.default is MISSING} - set(values)
+    missing = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING} - set(values)
     if missing:
         raise ValueError(f"{path}: setting {sorted(missing)[0]!r} is missing")
     return kind(**values)

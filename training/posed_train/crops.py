@@ -10,11 +10,10 @@ import numpy as np
 from PIL import Image
 
 from .bop import View, read_mask, read_rgb
-from .network import INPUT_SIZE
 
 CROP_SCALE = 1.5
 PATCH_SCALE = 2.4  # what training keeps around the object: room for rotation and box noise
-PATCH_SIZE = 192
+PATCH_PER_INPUT = 1.5  # pixels of a patch for one of the network's input: a patch is not blurred by being cut again
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,12 @@ class Square:
         """Image pixels to crop pixels, both with centres at integers."""
         return (pixels + 0.5 - [self.left, self.top]) * (size / self.side) - 0.5
 
+    def crop_from_image(self, size: int) -> np.ndarray:
+        """The same map as a matrix `[3, 3]`."""
+        scale = size / self.side
+        shift = [(0.5 - self.left) * scale - 0.5, (0.5 - self.top) * scale - 0.5]
+        return np.array([[scale, 0, shift[0]], [0, scale, shift[1]], [0, 0, 1]])
+
     def cut(self, image: np.ndarray, size: int) -> np.ndarray:
         """Bilinear with antialiasing (Pillow); what lies outside the image is black."""
         height, width = image.shape[:2]
@@ -53,22 +58,25 @@ class Square:
 class Patch:
     """A view's surroundings at training resolution, with the keypoints' targets in patch pixels."""
 
-    rgb: np.ndarray  # [PATCH_SIZE, PATCH_SIZE, 3] uint8
-    mask: np.ndarray | None  # [PATCH_SIZE, PATCH_SIZE] uint8
-    keypoints: np.ndarray  # [N, 2]
+    rgb: np.ndarray  # [P, P, 3] uint8
+    mask: np.ndarray | None  # [P, P] uint8
+    keypoints: np.ndarray  # [symmetries, N, 2]
+    patch_from_image: np.ndarray  # [3, 3] pixels
 
 
-def cut_patch(view: View, keypoints_in_image: np.ndarray) -> Patch:
+def cut_patch(view: View, keypoints_in_image: np.ndarray, input_size: int, with_mask: bool) -> Patch:
+    size = round(PATCH_PER_INPUT * input_size)
     square = Square.around(view.box, PATCH_SCALE)
-    mask = read_mask(view)
+    mask = read_mask(view) if with_mask else None
     return Patch(
-        rgb=square.cut(read_rgb(view.image_path), PATCH_SIZE),
-        mask=None if mask is None else square.cut(mask, PATCH_SIZE),
-        keypoints=square.to_crop(keypoints_in_image, PATCH_SIZE),
+        rgb=square.cut(read_rgb(view.image_path), size),
+        mask=None if mask is None else square.cut(mask, size),
+        keypoints=square.to_crop(keypoints_in_image, size),
+        patch_from_image=square.crop_from_image(size),
     )
 
 
-def cut_crops(view: View, image: np.ndarray, ensemble: tuple[float, ...]) -> tuple[np.ndarray, list[Square]]:
+def cut_crops(view: View, image: np.ndarray, size: int, ensemble: tuple[float, ...]) -> tuple[np.ndarray, list[Square]]:
     """The crops `[E, S, S, 3]` that the network sees at run time for this view's box."""
     squares = [Square.around(view.box, CROP_SCALE * factor) for factor in ensemble]
-    return np.stack([square.cut(image, INPUT_SIZE) for square in squares]), squares
+    return np.stack([square.cut(image, size) for square in squares]), squares

@@ -22,8 +22,8 @@ from tqdm import tqdm
 
 from . import bop, optimise
 from .config import DetectorConfig
+from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
-from .train import DEVICE, read_backgrounds
 
 WIDTH, HEIGHT = 320, 256  # multiples of the deepest stride, so that training pads nothing
 FILL = 114
@@ -33,6 +33,7 @@ CHECKPOINT_EVERY = 250
 VALIDATE_EVERY = 1000
 MIN_VISIBLE = 0.2
 MIN_BOX_PX = 6  # in the network's input
+MIN_BACKGROUND_PX = 128
 
 
 class Backbone(nn.Module):
@@ -213,7 +214,7 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
     splits = [split for split in (config.photoreal, config.rasterised) if split]
     pools = [read_samples(root / split, config.obj_ids) for split in splits]
     validation = read_samples(root / config.validation, config.obj_ids) if config.validation else []
-    backgrounds = read_backgrounds(root / config.backgrounds) if config.backgrounds else []
+    backgrounds = read_backgrounds(root / config.backgrounds, MIN_BACKGROUND_PX) if config.backgrounds else []
     rng = np.random.default_rng([config.seed, trainer.step])
     losses, started = [], time.time()
     with (

@@ -18,10 +18,10 @@ from torch import Tensor, nn
 from . import detector
 from .bop import View
 from .crops import CROP_SCALE
+from .data import Views
 from .heatmap import Decode
-from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
-from .registration import Registration, project
-from .validate import CROP_ENSEMBLE, Predict, predict_views
+from .network import KeypointNet
+from .validate import CROP_ENSEMBLE, Predictor, predict_views
 
 OPSET = 18
 MIN_STORED_AS_HALF = 1024  # elements: small tensors keep full precision
@@ -33,7 +33,7 @@ class KeypointExport(nn.Module):
 
     def __init__(self, net: KeypointNet):
         super().__init__()
-        self.net, self.decode = net, Decode(INPUT_SIZE // HEATMAP_STRIDE)
+        self.net, self.decode = net, Decode(net.input_size // net.stride, net.stride)
 
     def forward(self, crops: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         return self.decode(self.net(crops.permute(0, 3, 1, 2).float() / 255))
@@ -169,22 +169,24 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
-def predictor(path: Path) -> Predict:
+def predictor(path: Path) -> Predictor:
     """The exported keypoint net, as `validate` wants it."""
     net = session(path)
-    return lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops}))
+    size = net.get_inputs()[0].shape[1]
+    return Predictor(size, lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops})))
 
 
-def covariance_scale(predict: Predict, views: list[View], truth: np.ndarray) -> np.ndarray:
+def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -> np.ndarray:
     """One factor per keypoint, so that the mean squared Mahalanobis distance on held-out views is 2.
 
     Gross errors are left out (the solver treats them as outliers): the factor follows from the median, which for a
-    chi-squared variable of 2 degrees of freedom is 2 ln 2.
+    chi-squared variable of 2 degrees of freedom is 2 ln 2. `truth` is `[V, symmetries, N, 2]`.
     """
     predictions = predict_views(predict, views)
     squared = []
-    for prediction, expected in zip(predictions, truth):
-        error = (prediction.keypoints - expected)[..., None]
+    for prediction, alike in zip(predictions, truth):
+        errors = prediction.keypoints - alike
+        error = errors[np.linalg.norm(errors, axis=-1).mean(-1).argmin()][..., None]
         covariance = prediction.covariances + 0.3**2 * np.eye(2)  # the solver's floor
         squared.append((np.swapaxes(error, 1, 2) @ np.linalg.inv(covariance) @ error)[:, 0, 0])
     return np.median(np.array(squared), axis=0) / (2 * np.log(2))
@@ -192,9 +194,7 @@ def covariance_scale(predict: Predict, views: list[View], truth: np.ndarray) -> 
 
 def export_keypoints(
     net: KeypointNet,
-    registration: Registration,
-    held_out: list[View],
-    held_out_truth: np.ndarray,
+    views: Views,
     out: Path,
     identity: dict,
     training: dict,
@@ -204,14 +204,17 @@ def export_keypoints(
     module = KeypointExport(net)
     fold_batch_norms(module)
     round_to_half(module)
-    example = torch.randint(0, 256, (2, INPUT_SIZE, INPUT_SIZE, 3), dtype=torch.uint8)
+    example = torch.randint(0, 256, (2, net.input_size, net.input_size, 3), dtype=torch.uint8)
     path = out / "keypoints.onnx"
     onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
     with torch.no_grad():
         wanted = module(example)[0].numpy()
-    apart = np.abs(predictor(path)(example.numpy())[0] - wanted).max()
+    apart = np.abs(predictor(path).run(example.numpy())[0] - wanted).max()
     if apart > PARITY_TOLERANCE_PX:
         raise RuntimeError(f"{path}: ONNX Runtime and PyTorch differ by {apart:.3f} px")
+    registration = views.registration
+    held_out = [views.all[index] for index in views.held_out]
+    scale = covariance_scale(predictor(path), held_out, views.targets(views.held_out))
     manifest = {
         **identity,
         "model_sha256": sha256(path),
@@ -219,18 +222,12 @@ def export_keypoints(
         "diameter_m": round(registration.size_m, 5),
         "crop_scale": CROP_SCALE,
         "crop_ensemble": list(CROP_ENSEMBLE),
-        "input": {"layout": "nhwc", "dtype": "uint8", "size": INPUT_SIZE},
+        "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},
         "output": {"kind": "keypoints"},
-        "covariance_scale": covariance_scale(predictor(path), held_out, held_out_truth).round(4).tolist(),
+        "covariance_scale": scale.round(4).tolist(),
         "training": training,
     }
     (out / "object.json").write_text(json.dumps(manifest, indent=2) + "\n")
-
-
-def held_out_targets(views: list[View], keypoints_from_object: np.ndarray, keypoints: np.ndarray) -> np.ndarray:
-    """Where the keypoints truly are, `[V, N, 2]` image pixels."""
-    object_from_keypoints = np.linalg.inv(keypoints_from_object)
-    return np.stack([project(v.camera_matrix, v.camera_from_object @ object_from_keypoints, keypoints) for v in views])
 
 
 def export_detector(model, labels: list[str], out: Path, training: dict, score_threshold: float = 0.4) -> None:

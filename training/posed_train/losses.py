@@ -5,25 +5,44 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from .heatmap import cell_centres
-from .network import HEATMAP_STRIDE, INPUT_SIZE
 
 TARGET_SIGMA_PX = 2.5
 
 
-def heatmap_loss(logits: Tensor, keypoints: Tensor, distance_weight: float = 0.05) -> Tensor:
+def heatmap_loss(logits: Tensor, keypoints: Tensor, input_size: int, distance_weight: float = 0.05) -> Tensor:
     """Cross-entropy against a Gaussian at each keypoint, plus a little soft-argmax distance.
 
-    `logits` is `[B, N, S, S]`, `keypoints` `[B, N, 2]` in crop pixels. Soft-argmax distance alone stays collapsed on
-    the crop's centre; cross-entropy leaves that plateau within a few hundred steps. Keypoints outside the crop have
-    no target.
+    `logits` is `[B, N, S, S]`, `keypoints` `[B, symmetries, N, 2]` in crop pixels; of the places that a symmetric
+    object leaves open, the one that fits a crop best counts. Soft-argmax distance alone stays collapsed on the centre;
+    cross-entropy leaves that plateau within a few hundred steps. Keypoints outside the crop have no target.
     """
-    centres = cell_centres(logits.shape[-1]).to(keypoints)
+    if keypoints.shape[1] == 1:
+        total, inside = loss_by_crop(logits, keypoints[:, 0], input_size, distance_weight)
+    else:
+        alike = [loss_by_crop(logits, places, input_size, distance_weight) for places in keypoints.unbind(1)]
+        totals, insides = (torch.stack(values) for values in zip(*alike))
+        best = (totals / insides.clamp(min=1)).argmin(0, keepdim=True)
+        total, inside = totals.gather(0, best), insides.gather(0, best)
+    return total.sum() / inside.sum().clamp(min=1)
+
+
+def loss_by_crop(logits: Tensor, keypoints: Tensor, input_size: int, distance_weight: float) -> tuple[Tensor, Tensor]:
+    """Sum of the losses of a crop's keypoints, and how many of them lie inside it; both `[B]`."""
+    stride = input_size / logits.shape[-1]
+    centres = cell_centres(logits.shape[-1], stride).to(keypoints)
     log_u, log_v = (-0.5 * ((centres - keypoints[..., i, None]) / TARGET_SIGMA_PX) ** 2 for i in (0, 1))
     target = (log_v[..., :, None] + log_u[..., None, :]).flatten(2).softmax(-1)
     log_probability = logits.to(keypoints.dtype).flatten(2).log_softmax(-1)
     entropy = -(target * log_probability).sum(-1)
     probability = log_probability.exp().view(*logits.shape)
     mean = torch.stack([probability.sum(-2) @ centres, probability.sum(-1) @ centres], dim=-1)
-    distance = F.smooth_l1_loss(mean, keypoints, reduction="none", beta=HEATMAP_STRIDE).sum(-1)
-    inside = ((keypoints > -0.5) & (keypoints < INPUT_SIZE - 0.5)).all(-1).float()
-    return ((entropy + distance_weight * distance) * inside).sum() / inside.sum().clamp(min=1)
+    distance = F.smooth_l1_loss(mean, keypoints, reduction="none", beta=stride).sum(-1)
+    inside = ((keypoints > -0.5) & (keypoints < input_size - 0.5)).all(-1).float()
+    return ((entropy + distance_weight * distance) * inside).sum(-1), inside.sum(-1)
+
+
+def soft_argmax(logits: Tensor, input_size: int) -> Tensor:
+    """Expected positions `[B, N, 2]` (u, v) in crop pixels (paper, equation 1)."""
+    centres = cell_centres(logits.shape[-1], input_size / logits.shape[-1]).to(logits)
+    probability = logits.flatten(2).softmax(-1).view(*logits.shape)
+    return torch.stack([probability.sum(-2) @ centres, probability.sum(-1) @ centres], dim=-1)

@@ -1,8 +1,8 @@
-"""The keypoint network: RGB crop in, one heatmap of logits per virtual keypoint out.
+"""The keypoint networks: RGB crop in, one heatmap of logits per virtual keypoint out.
 
-`lite` is a half-width ResNet-18 encoder with a U-Net style decoder that stops at stride 2. It follows the
-paper's network (section 3.1: ResNet-18, skip connections, N heatmaps) but keeps plain strides instead of
-dilation, because dilated layers at stride 8 cost four times as much on a CPU.
+`paper` is the paper's network (section 3.1): ResNet-18 at output stride 8 by dilation, skip connections, upsampling to
+full resolution, as in PVNet (Peng et al., CVPR 2019). `lite` is for CPUs: a half-width encoder with plain strides,
+since dilated layers at stride 8 cost four times as much, and a decoder that stops at stride 2.
 """
 
 from itertools import pairwise
@@ -11,13 +11,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-INPUT_SIZE = 128
-HEATMAP_STRIDE = 2
 
-
-def conv_bn(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1) -> nn.Sequential:
+def conv_bn(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(channels_in, channels_out, kernel, stride, kernel // 2, bias=False),
+        nn.Conv2d(channels_in, channels_out, kernel, stride, kernel // 2 * dilation, dilation, bias=False),
         nn.BatchNorm2d(channels_out),
     )
 
@@ -25,10 +22,10 @@ def conv_bn(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 
 class BasicBlock(nn.Module):
     """The two-layer residual block of ResNet-18."""
 
-    def __init__(self, channels_in: int, channels_out: int, stride: int):
+    def __init__(self, channels_in: int, channels_out: int, stride: int, dilation: int = 1):
         super().__init__()
-        self.conv1 = conv_bn(channels_in, channels_out, 3, stride)
-        self.conv2 = conv_bn(channels_out, channels_out)
+        self.conv1 = conv_bn(channels_in, channels_out, 3, stride, dilation)
+        self.conv2 = conv_bn(channels_out, channels_out, dilation=dilation)
         same = stride == 1 and channels_in == channels_out
         self.shortcut = nn.Identity() if same else conv_bn(channels_in, channels_out, 1, stride)
 
@@ -72,16 +69,75 @@ class Decoder(nn.Module):
         return x
 
 
-class KeypointNet(nn.Module):
-    """`[B, 3, 128, 128]` floats in 0..1 -> `[B, N, 64, 64]` logits."""
+class Lite(nn.Module):
+    """3.0 M parameters; 128 px in, heatmaps at stride 2."""
+
+    input_size, stride = 128, 2
 
     def __init__(self, keypoints: int):
         super().__init__()
         self.encoder = Encoder()
         self.decoder = Decoder(self.encoder.widths)
         self.head = nn.Conv2d(self.encoder.widths[0], keypoints, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.head(self.decoder(self.encoder(x)))
+
+
+class Paper(nn.Module):
+    """13 M parameters; 192 px in, heatmaps at full resolution."""
+
+    input_size, stride = 192, 1
+
+    def __init__(self, keypoints: int):
+        super().__init__()
+        self.stem = conv_bn(3, 64, 7, 2)
+        self.layer1 = nn.Sequential(BasicBlock(64, 64, 1), BasicBlock(64, 64, 1))
+        self.layer2 = nn.Sequential(BasicBlock(64, 128, 2), BasicBlock(128, 128, 1))
+        self.layer3 = nn.Sequential(BasicBlock(128, 256, 1, 2), BasicBlock(256, 256, 1, 2))
+        self.layer4 = nn.Sequential(BasicBlock(256, 512, 1, 4), BasicBlock(512, 512, 1, 4))
+        self.neck = conv_bn(512, 256)
+        self.up8, self.up4, self.up2 = conv_bn(256 + 128, 128), conv_bn(128 + 64, 64), conv_bn(64 + 64, 64)
+        self.up1 = conv_bn(64 + 3, 32)
+        self.head = nn.Conv2d(32, keypoints, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        at2 = F.relu(self.stem(x))
+        at4 = self.layer1(F.max_pool2d(at2, 3, 2, 1))
+        at8 = self.layer2(at4)
+        y = F.relu(self.neck(self.layer4(self.layer3(at8))))
+        y = F.relu(self.up8(torch.cat([y, at8], 1)))
+        for merge, skip in ((self.up4, at4), (self.up2, at2), (self.up1, x)):
+            y = F.interpolate(y, size=skip.shape[-2:], mode="bilinear", align_corners=False)
+            y = F.relu(merge(torch.cat([y, skip], 1)))
+        return self.head(y)
+
+
+DESIGNS = {"lite": Lite, "paper": Paper}
+
+
+def design(name: str) -> type[Lite] | type[Paper]:
+    if name not in DESIGNS:
+        raise ValueError(f"network {name!r}: choose one of {', '.join(DESIGNS)}")
+    return DESIGNS[name]
+
+
+class KeypointNet(nn.Module):
+    """`[B, 3, S, S]` floats in 0..1 -> `[B, N, S / stride, S / stride]` logits."""
+
+    def __init__(self, keypoints: int, name: str = "lite"):
+        super().__init__()
+        self.design = design(name)(keypoints)
         self.register_buffer("mean", torch.tensor([0.485, 0.456, 0.406]).view(1, 3, 1, 1))
         self.register_buffer("std", torch.tensor([0.229, 0.224, 0.225]).view(1, 3, 1, 1))
 
+    @property
+    def input_size(self) -> int:
+        return self.design.input_size
+
+    @property
+    def stride(self) -> int:
+        return self.design.stride
+
     def forward(self, crops: Tensor) -> Tensor:
-        return self.head(self.decoder(self.encoder((crops - self.mean) / self.std)))
+        return self.design((crops - self.mean) / self.std)

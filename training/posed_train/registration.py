@@ -1,36 +1,80 @@
 """Where the virtual keypoints sit, per connected component of views.
 
-Within a component every relative camera pose is known, so all cameras share one frame and ONE transform
-`component_from_keypoints` serves every view. Its rotation is arbitrary; its translation is the least-squares
-triangulation of the box centres. The keypoints' projections are then the training targets, with no pose label
-and no model of the object.
+Views whose relative camera poses are known form a component: all its cameras share one frame, so ONE transform
+`component_from_keypoints` serves them all. For the first component its rotation is arbitrary and its translation the
+least-squares triangulation of the box centres; the keypoints' projections are then the training targets, with no pose
+label and no model of the object. Further components cannot be placed by geometry, since the frame of the keypoints is
+fixed by now: a net trained on the first one votes (`join`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .bop import View
+from .bop import DatasetError, View
+from .keypoints import virtual_keypoints
 
+SOURCES = ("object", "camera")
+"""Where relative poses come from: `object`, two poses of one still object; `camera`, the camera poses of a scene."""
 # A keypoint should rarely fall outside its crop (1.5 x the larger box side), also where the object looks small.
 RADIUS_PERCENTILE = 20
 SIZE_PERCENTILE = 95
+JOIN_ROTATION_DEG = 10.0
+JOIN_DISTANCE_OF_SIZE = 0.15
+JOIN_RATIO = 0.6
 
 
-@dataclass(frozen=True)
+@dataclass
+class Component:
+    """Views that share a frame, and where the keypoints lie in it, once that is known."""
+
+    views: list[int]  # indices
+    camera_from_component: np.ndarray  # [V, 4, 4]
+    component_from_keypoints: np.ndarray | None = None
+
+
+@dataclass
 class Registration:
     keypoints: np.ndarray  # [N, 3] metres, in the frame `keypoints`
-    camera_from_keypoints: np.ndarray  # [V, 4, 4], one for each view
+    components: list[Component]
     size_m: float  # the object's extent as the boxes show it
+    placed: dict[int, np.ndarray] = field(default_factory=dict)
+    """`camera_from_keypoints` of each view whose component is placed, by the view's index."""
+
+    def place(self, component: Component, component_from_keypoints: np.ndarray) -> None:
+        component.component_from_keypoints = component_from_keypoints
+        for index, camera_from_component in zip(component.views, component.camera_from_component):
+            self.placed[index] = camera_from_component @ component_from_keypoints
 
 
-def camera_from_component(views: list[View]) -> np.ndarray:
-    """`[V, 4, 4]`, with the first view's camera as the component's frame.
-
-    This is the only use of the object poses: the relative pose of two views, in which the object frame cancels.
-    """
-    object_from_first = np.linalg.inv(views[0].camera_from_object)
-    return np.stack([view.camera_from_object @ object_from_first for view in views])
+def find_components(views: list[View], source: str) -> list[Component]:
+    """The components of a dataset, the largest first; views in a stable order within each."""
+    if source == "camera":
+        scenes: dict[str, list[int]] = {}
+        for index, view in enumerate(views):
+            if view.camera_from_world is None:
+                raise DatasetError(
+                    f"{view.image_path}: scene_camera.json has no cam_R_w2c and cam_t_w2c for this image; with "
+                    'poses = "camera" every image needs its camera\'s pose in the scene'
+                )
+            scenes.setdefault(f"{view.split}/{view.scene}", []).append(index)
+        groups = list(scenes.values())
+        poses = [np.stack([views[i].camera_from_world for i in group]) for group in groups]
+    elif source == "object":
+        # The only use of object poses: the relative pose of two views, in which the object's frame cancels.
+        for view in views:
+            if view.camera_from_object is None:
+                raise DatasetError(
+                    f"{view.image_path}: scene_gt.json has no cam_R_m2c and cam_t_m2c for this object; with "
+                    'poses = "object" they give the relative poses of the views'
+                )
+        groups = [list(range(len(views)))]
+        object_from_first = np.linalg.inv(views[0].camera_from_object)
+        poses = [np.stack([view.camera_from_object @ object_from_first for view in views])]
+    else:
+        raise ValueError(f"poses {source!r}: choose one of {', '.join(SOURCES)}")
+    components = [Component(group, pose) for group, pose in zip(groups, poses)]
+    return sorted(components, key=lambda component: -len(component.views))
 
 
 def rays(views: list[View]) -> np.ndarray:
@@ -56,33 +100,93 @@ def triangulate_centre(views: list[View], camera_from_component: np.ndarray, ite
     return point
 
 
-def cube(radius: float) -> np.ndarray:
-    """The eight vertices of a cube on a sphere of this radius: well spread, and no four neighbours collinear."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    return signs * radius / np.sqrt(3)
-
-
 def random_rotation(seed: int) -> np.ndarray:
     q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     q *= np.sign(np.diag(r))
     return q if np.linalg.det(q) > 0 else -q
 
 
-def register(views: list[View], seed: int) -> Registration:
-    """Chooses the virtual keypoints of an object and places them in every view of one component."""
-    from_component = camera_from_component(views)
-    centre = triangulate_centre(views, from_component)
-    depth = np.einsum("vj,j->v", from_component[:, 2, :3], centre) + from_component[:, 2, 3]
+def extents(views: list[View], camera_from_component: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """How large the object is in each view's box, metres."""
+    depth = np.einsum("vj,j->v", camera_from_component[:, 2, :3], centre) + camera_from_component[:, 2, 3]
     focal = np.array([v.camera_matrix[0, 0] for v in views])
-    extent = np.array([max(v.box[2:]) for v in views]) * depth / focal
-    component_from_keypoints = np.eye(4)
-    component_from_keypoints[:3, :3] = random_rotation(seed)
-    component_from_keypoints[:3, 3] = centre
-    return Registration(
-        keypoints=cube(np.percentile(extent, RADIUS_PERCENTILE) / 2),
-        camera_from_keypoints=from_component @ component_from_keypoints,
+    return np.array([max(v.box[2:]) for v in views]) * depth / focal
+
+
+def register(views: list[View], source: str, seed: int, shape: str = "cube", count: int = 8) -> Registration:
+    """Chooses the virtual keypoints of an object and places them in every view of the largest component."""
+    components = find_components(views, source)
+    first = components[0]
+    chosen = [views[i] for i in first.views]
+    if len(chosen) < 2:
+        raise DatasetError("no two images share a component; learning needs pairs with known relative camera poses")
+    centre = triangulate_centre(chosen, first.camera_from_component)
+    extent = extents(chosen, first.camera_from_component, centre)
+    if not extent.min() > 0:
+        raise DatasetError(
+            "the rays through the box centres meet behind a camera; check that the camera poses map the scene to the "
+            "camera (w2c, not c2w) and that translations are in millimetres"
+        )
+    radius = float(np.percentile(extent, RADIUS_PERCENTILE) / 2)
+    placement = np.eye(4)
+    placement[:3, :3] = random_rotation(seed)
+    placement[:3, 3] = centre
+    registration = Registration(
+        keypoints=virtual_keypoints(shape, radius, count, seed),
+        components=components,
         size_m=float(np.percentile(extent, SIZE_PERCENTILE)),
     )
+    registration.place(first, placement)
+    return registration
+
+
+def consensus(votes: np.ndarray, rotation_deg: float, distance_m: float) -> tuple[np.ndarray, float]:
+    """The mean `[4, 4]` of the poses that agree with one of them (paper, algorithm 1, with every vote as a hypothesis),
+    and which share of all they are."""
+    cosines = (np.einsum("aij,bij->ab", votes[:, :3, :3], votes[:, :3, :3]) - 1) / 2
+    angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    distances = np.linalg.norm(votes[:, None, :3, 3] - votes[None, :, :3, 3], axis=-1)
+    agreeing = (angles < rotation_deg) & (distances < distance_m)
+    chosen = votes[agreeing[agreeing.sum(1).argmax()]]
+    return mean_pose(chosen), len(chosen) / len(votes)
+
+
+def mean_pose(poses: np.ndarray) -> np.ndarray:
+    """Chordal mean of the rotations, arithmetic mean of the translations."""
+    mean = np.eye(4)
+    u, _, vt = np.linalg.svd(poses[:, :3, :3].mean(0))
+    mean[:3, :3] = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    mean[:3, 3] = poses[:, :3, 3].mean(0)
+    return mean
+
+
+def join(registration: Registration, camera_from_keypoints: dict[int, np.ndarray | None]) -> int:
+    """Places further components by the poses that a net trained so far finds in their views; returns how many joined.
+
+    Every view votes for `component_from_keypoints`; a component joins when enough votes agree.
+    """
+    joined = 0
+    for component in registration.components:
+        if component.component_from_keypoints is not None:
+            continue
+        votes = [
+            np.linalg.inv(from_component) @ camera_from_keypoints[index]
+            for index, from_component in zip(component.views, component.camera_from_component)
+            if camera_from_keypoints.get(index) is not None
+        ]
+        if len(votes) < 2:
+            continue
+        mean, _ = consensus(np.stack(votes), JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * registration.size_m)
+        agreeing = sum(agree(vote, mean, registration.size_m) for vote in votes)
+        if agreeing >= 2 and agreeing / len(component.views) >= JOIN_RATIO:
+            registration.place(component, mean)
+            joined += 1
+    return joined
+
+
+def agree(a: np.ndarray, b: np.ndarray, size_m: float) -> bool:
+    angle = np.degrees(np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1, 1)))
+    return bool(angle < JOIN_ROTATION_DEG and np.linalg.norm(a[:3, 3] - b[:3, 3]) < JOIN_DISTANCE_OF_SIZE * size_m)
 
 
 def project(camera_matrix: np.ndarray, camera_from_points: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -5,89 +5,30 @@ import csv
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
+from torch import Tensor
 from tqdm import tqdm
 
-from . import bop, metrics, optimise
+from . import bop, metrics, optimise, pairwise
 from .augment import Augmenter
 from .config import KeypointConfig
-from .crops import Patch, cut_patch
+from .data import DEVICE, Data, PairBatch, Pairs, Views
 from .heatmap import Decode
-from .losses import heatmap_loss
-from .network import HEATMAP_STRIDE, INPUT_SIZE, KeypointNet
-from .registration import project, register
-from .validate import Predict, predict_views, score
+from .losses import heatmap_loss, soft_argmax
+from .network import KeypointNet
+from .registration import join
+from .validate import Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
 EMA_DECAY = 0.998
-MAX_BACKGROUND_PX = 360
 FINAL_AUGMENTATION = 0.4
-DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+LOSSES = ("component", "pairwise", "registration")
 
 
-class Views:
-    """The views of one object, registered as one component."""
-
-    def __init__(self, config: KeypointConfig, root: Path):
-        photoreal = bop.read_views(root / config.photoreal, config.obj_id, config.min_visible)
-        rasterised = (
-            bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
-            if config.rasterised
-            else []
-        )
-        self.all = photoreal + rasterised
-        self.photoreal_count = len(photoreal)
-        self.registration = register(self.all, config.seed)
-        first = self.registration.camera_from_keypoints[0]
-        self.keypoints_from_object = np.linalg.inv(first) @ self.all[0].camera_from_object
-        scenes = sorted({view.scene for view in photoreal})
-        self.held_out_scenes = set(scenes[len(scenes) - config.held_out_scenes :])
-        self.held_out = [view for view in photoreal if view.scene in self.held_out_scenes]
-
-
-class Data:
-    """The training views cut into patches."""
-
-    def __init__(self, config: KeypointConfig, root: Path, views: Views):
-        in_image = project(
-            np.stack([view.camera_matrix for view in views.all]),
-            views.registration.camera_from_keypoints,
-            views.registration.keypoints,
-        )
-        self.photoreal: list[Patch] = []
-        self.rasterised: list[Patch] = []
-        for index, view in enumerate(tqdm(views.all, desc=f"{config.name}: cutting crops", mininterval=5)):
-            if index >= views.photoreal_count:
-                self.rasterised.append(cut_patch(view, in_image[index]))
-            elif view.scene not in views.held_out_scenes:
-                self.photoreal.append(cut_patch(view, in_image[index]))
-        self.backgrounds = read_backgrounds(root / config.backgrounds) if config.backgrounds else []
-
-    def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        pools = [pool for pool in (self.photoreal, self.rasterised) if pool]
-        samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
-        crops, keypoints = zip(*(augment(sample) for sample in samples))
-        images = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2).float() / 255
-        images = images.to(DEVICE).contiguous(memory_format=torch.channels_last)
-        return images, torch.from_numpy(np.stack(keypoints)).float().to(DEVICE)
-
-
-def read_backgrounds(folder: Path) -> list[np.ndarray]:
-    images = []
-    for path in sorted(folder.glob("*.jpg")):
-        image = bop.read_rgb(path)
-        scale = MAX_BACKGROUND_PX / min(image.shape[:2])
-        if min(image.shape[:2]) >= INPUT_SIZE:
-            image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
-            images.append(image)
-    return images
-
-
-def predictor(model: KeypointNet) -> Predict:
-    decode = Decode(INPUT_SIZE // HEATMAP_STRIDE).to(DEVICE)
+def predictor(model: KeypointNet) -> Predictor:
+    decode = Decode(model.input_size // model.stride, model.stride).to(DEVICE)
 
     @torch.no_grad()
     def predict(crops: np.ndarray):
@@ -95,7 +36,7 @@ def predictor(model: KeypointNet) -> Predict:
         images = torch.from_numpy(crops.copy()).to(DEVICE).permute(0, 3, 1, 2).float() / 255
         return tuple(output.cpu().numpy() for output in decode(model(images)))
 
-    return predict
+    return Predictor(model.input_size, predict)
 
 
 class Trainer:
@@ -104,17 +45,31 @@ class Trainer:
     def __init__(self, config: KeypointConfig, keypoints: int, init: Path | None):
         torch.manual_seed(config.seed)
         self.config, self.step = config, 0
-        self.model = KeypointNet(keypoints).to(DEVICE, memory_format=torch.channels_last)
+        self.model = KeypointNet(keypoints, config.network).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
             self.model.load_state_dict(torch.load(init, map_location=DEVICE, weights_only=True)["average"])
         self.average = copy.deepcopy(self.model)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 
-    def train_step(self, images: torch.Tensor, keypoints: torch.Tensor) -> float:
+    def forward(self, images: Tensor) -> Tensor:
         self.model.train()
         with torch.autocast(DEVICE.type, torch.bfloat16):
-            logits = self.model(images)
-        loss = heatmap_loss(logits, keypoints, self.config.distance_weight)
+            return self.model(images).float()
+
+    def component_step(self, images: Tensor, keypoints: Tensor) -> float:
+        """Supervised by the projected keypoints."""
+        logits = self.forward(images)
+        return self.descend(heatmap_loss(logits, keypoints, self.model.input_size, self.config.distance_weight))
+
+    def pairwise_step(self, keypoints: Tensor, batch: PairBatch) -> float:
+        """Supervised by the other view of a pair, as in the paper."""
+        pixels = soft_argmax(self.forward(batch.images), self.model.input_size)
+        linear, shift = batch.normalised_from_crop[..., :2], batch.normalised_from_crop[:, None, :, 2]
+        first, second = (pixels @ linear.transpose(-1, -2) + shift).chunk(2)
+        consistency = self.config.loss == "pairwise"
+        return self.descend(pairwise.pairwise_loss(keypoints, first, second, batch.second_from_first, consistency))
+
+    def descend(self, loss: Tensor) -> float:
         rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
         value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
         self.step += 1
@@ -150,6 +105,8 @@ class Trainer:
 def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Views]:
     """Trains (or goes on training) one object's net; `out` gets checkpoint.pt and log.csv."""
     out.mkdir(parents=True, exist_ok=True)
+    if config.loss not in LOSSES:
+        raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
     views = Views(config, root)
     data = Data(config, root, views)
     trainer = Trainer(config, len(views.registration.keypoints), init)
@@ -157,8 +114,9 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     if checkpoint.exists():
         trainer.resume(checkpoint)
     rng = np.random.default_rng([config.seed, trainer.step])
-    augment = Augmenter(data.backgrounds, rng)
+    augment = Augmenter(data.backgrounds, rng, data.input_size)
     validator = Validator(config, root, views)
+    step = stepper(config, trainer, views, data)
     losses, started = [], time.time()
     with (
         (out / "log.csv").open("a", newline="") as log_file,
@@ -167,7 +125,7 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
         log = csv.writer(log_file)
         while trainer.step < config.steps:
             augment.strength = config.augmentation * augmentation_fade(trainer.step / config.steps)
-            losses.append(trainer.train_step(*data.batch(config.batch, augment, rng)))
+            losses.append(step(augment, rng))
             bar.update()
             if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
                 bar.set_postfix(loss=f"{np.mean(losses):.3f}")
@@ -177,8 +135,32 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
                 log_file.flush()
                 if scores:
                     bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
+                if trainer.step % VALIDATE_EVERY == 0 and join_components(views, trainer.average):
+                    data.add_placed()
+                    components = views.registration.components
+                    placed = sum(component.component_from_keypoints is not None for component in components)
+                    bar.write(f"step {trainer.step}: {placed} of {len(components)} components placed")
                 losses = []
     return trainer.average, views
+
+
+def stepper(config: KeypointConfig, trainer: Trainer, views: Views, data: Data):
+    """What one training step is: it depends on the loss."""
+    if config.loss == "component":
+        return lambda augment, rng: trainer.component_step(*data.batch(config.batch, augment, rng))
+    pairs = Pairs(config, views)
+    keypoints = torch.from_numpy(views.registration.keypoints).float().to(DEVICE)
+    return lambda augment, rng: trainer.pairwise_step(keypoints, pairs.batch(config.batch // 2, augment, rng))
+
+
+def join_components(views: Views, model: KeypointNet) -> int:
+    """Lets the net place components that geometry alone cannot; returns how many joined."""
+    waiting = [index for index in range(len(views.all)) if index not in views.registration.placed]
+    if not waiting:
+        return 0
+    predictions = predict_views(predictor(model), [views.all[index] for index in waiting])
+    poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
+    return join(views.registration, dict(zip(waiting, poses)))
 
 
 def augmentation_fade(progress: float) -> float:
@@ -187,13 +169,13 @@ def augmentation_fade(progress: float) -> float:
 
 
 class Validator:
-    """Scores a model on the validation split, if there is one."""
+    """Scores a model on the validation split, if there is one and object poses to score against."""
 
     def __init__(self, config: KeypointConfig, root: Path, views: Views):
         self.registration, self.keypoints_from_object = views.registration, views.keypoints_from_object
-        self.views = (
-            bop.read_views(root / config.validation, config.obj_id, min_visible=0.7) if config.validation else []
-        )
+        self.views = []
+        if config.validation and self.keypoints_from_object is not None:
+            self.views = bop.read_views(root / config.validation, config.obj_id, min_visible=0.7)
         if self.views:
             models = root / config.models
             info = bop.read_json(models / "models_info.json")[str(config.obj_id)]

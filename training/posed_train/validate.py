@@ -9,11 +9,16 @@ import numpy as np
 from . import metrics
 from .bop import View, read_rgb
 from .crops import cut_crops
-from .network import INPUT_SIZE
 from .registration import project
 
-Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-"""Crops `[B, S, S, 3]` uint8 -> keypoints `[B, N, 2]`, covariances `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`."""
+
+@dataclass(frozen=True)
+class Predictor:
+    """A net, wherever it runs. `run` takes crops `[B, S, S, 3]` uint8 and gives keypoints `[B, N, 2]`, covariances
+    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`."""
+
+    size: int
+    run: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 CROP_ENSEMBLE = (0.87, 1.0, 1.13)
@@ -31,13 +36,15 @@ class Prediction:
     peaks: np.ndarray  # [N]
 
 
-def predict_views(predict: Predict, views: list[View], ensemble: tuple[float, ...] = CROP_ENSEMBLE) -> list[Prediction]:
+def predict_views(
+    predictor: Predictor, views: list[View], ensemble: tuple[float, ...] = CROP_ENSEMBLE
+) -> list[Prediction]:
     """The mean over each view's crops, as the service takes it."""
     predictions = []
     for view in views:
-        crops, squares = cut_crops(view, read_rgb(view.image_path), ensemble)
-        keypoints, covariances, peaks = predict(crops)
-        scale = np.array([square.side / INPUT_SIZE for square in squares])[:, None, None]
+        crops, squares = cut_crops(view, read_rgb(view.image_path), predictor.size, ensemble)
+        keypoints, covariances, peaks = predictor.run(crops)
+        scale = np.array([square.side / predictor.size for square in squares])[:, None, None]
         origin = np.array([[square.left, square.top] for square in squares])[:, None]
         in_image = (keypoints + 0.5) * scale - 0.5 + origin
         in_image_covariances = covariances * scale[..., None] ** 2

@@ -1,0 +1,185 @@
+"""One object's views: registered, cut into patches, drawn into batches."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from . import bop
+from .augment import Augmenter
+from .check import MIN_BASELINE_DEG
+from .config import KeypointConfig
+from .crops import Patch, cut_patch
+from .network import design
+from .registration import Registration, mean_pose, project, register
+
+MAX_BACKGROUND_PX = 360
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+class Views:
+    """The views of one object, registered by components; some are held out for calibrating the covariances."""
+
+    def __init__(self, config: KeypointConfig, root: Path):
+        photoreal = read_photoreal(config, root)
+        rasterised = (
+            bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
+            if config.rasterised
+            else []
+        )
+        self.all = photoreal + rasterised
+        self.photoreal_count = len(photoreal)
+        self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
+        self.held_out = held_out(photoreal, self.registration, config)
+        self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
+
+    @property
+    def keypoints_from_object(self) -> np.ndarray | None:
+        """For scores only: where the dataset's object frame lies among the keypoints, if it states object poses."""
+        known = [
+            np.linalg.inv(placed) @ self.all[index].camera_from_object
+            for index, placed in self.registration.placed.items()
+            if self.all[index].camera_from_object is not None
+        ]
+        return mean_pose(np.stack(known)) if known else None
+
+    def targets(self, indices: list[int]) -> np.ndarray:
+        """Where the keypoints are, `[V, S, N, 2]` image pixels: once for each of the S motions under which the object
+        looks the same (S = 1 where none is declared)."""
+        cameras = np.stack([self.all[index].camera_matrix for index in indices])
+        poses = np.stack([self.registration.placed[index] for index in indices])
+        alike = [project(cameras, poses @ motion, self.registration.keypoints) for motion in self.motions]
+        return np.stack(alike, axis=1)
+
+
+def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndarray | None) -> np.ndarray:
+    """`[S, 4, 4]`, identity first: discrete symmetries (BOP: 4x4 row-major, mm) moved to the keypoints' frame."""
+    if not declared:
+        return np.eye(4)[None]
+    if keypoints_from_object is None:
+        raise bop.DatasetError("symmetries are declared in the object's frame, but the dataset states no object poses")
+    motions = np.array([np.eye(4).ravel().tolist(), *declared]).reshape(-1, 4, 4)
+    motions[:, :3, 3] *= bop.METRES_PER_MILLIMETRE
+    return keypoints_from_object @ motions @ np.linalg.inv(keypoints_from_object)
+
+
+def read_photoreal(config: KeypointConfig, root: Path) -> list[bop.View]:
+    splits = [config.photoreal] if isinstance(config.photoreal, str) else config.photoreal
+    return [view for split in splits for view in bop.read_views(root / split, config.obj_id, config.min_visible)]
+
+
+def held_out(photoreal: list[bop.View], registration: Registration, config: KeypointConfig) -> list[int]:
+    """Indices of placed views: those of the last scenes, or some of every scene where there are few."""
+    scenes = sorted({(view.split, view.scene) for view in photoreal})
+    last = set(scenes[len(scenes) - config.held_out_scenes :]) if len(scenes) >= 2 * config.held_out_scenes else set()
+    placed = [index for index in range(len(photoreal)) if index in registration.placed]
+    if last:
+        return [index for index in placed if (photoreal[index].split, photoreal[index].scene) in last]
+    return placed[:: config.held_out_every]
+
+
+class Data:
+    """The training views cut into patches."""
+
+    def __init__(self, config: KeypointConfig, root: Path, views: Views):
+        self.config, self.views = config, views
+        self.input_size = design(config.network).input_size
+        self.photoreal: list[Patch] = []
+        self.rasterised: list[Patch] = []
+        self.cut: set[int] = set(views.held_out)
+        self.add_placed()
+        self.backgrounds = read_backgrounds(root / config.backgrounds, self.input_size) if config.backgrounds else []
+
+    def add_placed(self) -> None:
+        """Cuts the views that have been placed since the last call."""
+        new = [index for index in sorted(self.views.registration.placed) if index not in self.cut]
+        self.cut.update(new)
+        if not new:
+            return
+        targets = zip(new, self.views.targets(new))
+        for index, keypoints in tqdm(targets, f"{self.config.name}: cutting crops", len(new), mininterval=5):
+            pool = self.photoreal if index < self.views.photoreal_count else self.rasterised
+            pool.append(cut_patch(self.views.all[index], keypoints, self.input_size, self.config.masks))
+
+    def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Crops `[B, 3, S, S]` and keypoints `[B, symmetries, N, 2]` in crop pixels."""
+        pools = [pool for pool in (self.photoreal, self.rasterised) if pool]
+        samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
+        crops, affines = zip(*(augment(sample) for sample in samples))
+        keypoints = [sample.keypoints @ a[:, :2].T + a[:, 2] for sample, a in zip(samples, affines)]
+        return to_images(crops), torch.from_numpy(np.stack(keypoints)).float().to(DEVICE)
+
+
+@dataclass(frozen=True)
+class PairBatch:
+    """B pairs of views; the second halves follow the first ones."""
+
+    images: Tensor  # [2 B, 3, S, S]
+    normalised_from_crop: Tensor  # [2 B, 2, 3]: crop pixels to the plane z = 1
+    second_from_first: Tensor  # [B, 4, 4]
+
+
+class Pairs:
+    """Pairs of views of the same component, far enough apart to say something of depth."""
+
+    def __init__(self, config: KeypointConfig, views: Views):
+        size = design(config.network).input_size
+        held_out = set(views.held_out)
+        self.views, self.patches, self.partners = views, {}, []
+        for component in views.registration.components:
+            members = [index for index in component.views if index not in held_out]
+            poses = dict(zip(component.views, component.camera_from_component))
+            rotations = np.stack([poses[index][:3, :3] for index in members]) if members else np.zeros((0, 3, 3))
+            cosines = (np.einsum("aij,bij->ab", rotations, rotations) - 1) / 2
+            apart = np.degrees(np.arccos(np.clip(cosines, -1, 1))) > MIN_BASELINE_DEG
+            for row, index in enumerate(members):
+                if apart[row].any():
+                    others = [(members[column], poses[members[column]]) for column in np.flatnonzero(apart[row])]
+                    self.partners.append((index, poses[index], others))
+        if not self.partners:
+            raise bop.DatasetError(f"no two views of a component are {MIN_BASELINE_DEG:.0f} degrees apart")
+        nothing = np.zeros((1, 1, 2))
+        for index in tqdm({i for i, _, _ in self.partners}, f"{config.name}: cutting crops", mininterval=5):
+            self.patches[index] = cut_patch(views.all[index], nothing, size, config.masks)
+
+    def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> PairBatch:
+        firsts, seconds, relative = [], [], []
+        for _ in range(size):
+            first, first_pose, others = self.partners[rng.integers(len(self.partners))]
+            second, second_pose = others[rng.integers(len(others))]
+            firsts.append(first)
+            seconds.append(second)
+            relative.append(second_pose @ np.linalg.inv(first_pose))
+        crops, maps = [], []
+        for index in firsts + seconds:
+            patch = self.patches[index]
+            crop, crop_from_patch = augment(patch)
+            crops.append(crop)
+            normalised_from_image = np.linalg.inv(self.views.all[index].camera_matrix)
+            maps.append((normalised_from_image @ np.linalg.inv(square(crop_from_patch) @ patch.patch_from_image))[:2])
+        as_tensor = lambda values: torch.from_numpy(np.stack(values)).float().to(DEVICE)  # noqa: E731
+        return PairBatch(to_images(crops), as_tensor(maps), as_tensor(relative))
+
+
+def square(affine: np.ndarray) -> np.ndarray:
+    return np.vstack([affine, [0, 0, 1]])
+
+
+def to_images(crops: list[np.ndarray]) -> Tensor:
+    images = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2).float() / 255
+    return images.to(DEVICE).contiguous(memory_format=torch.channels_last)
+
+
+def read_backgrounds(folder: Path, least_px: int) -> list[np.ndarray]:
+    images = []
+    for path in sorted(folder.glob("*.jpg")):
+        image = bop.read_rgb(path)
+        scale = MAX_BACKGROUND_PX / min(image.shape[:2])
+        if min(image.shape[:2]) >= least_px:
+            image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+            images.append(image)
+    return images
