@@ -6,6 +6,7 @@ mod support;
 use std::fs;
 use std::net::TcpListener;
 
+use posed::geometry::Pose;
 use serde_json::Value;
 use support::{assert_right, assert_within, copy_of, explanation, root, run, samples};
 
@@ -27,6 +28,36 @@ fn estimate_answers_every_sample_and_draws_it() {
         let changed = drawn.pixels().zip(plain.pixels()).filter(|(a, b)| a != b).count();
         assert!(changed > 200, "{changed} pixels drawn");
     }
+}
+
+/// Of the poses that look alike the answer is always the same one.
+#[test]
+fn a_symmetric_object_gets_its_canonical_pose() {
+    let half_turns = [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
+        .map(|[x, y, z]| [x, 0.0, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, 0.0, z, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    let models = copy_of("models");
+    let manifest = models.path().join("cube/object.json");
+    let mut json: Value = serde_json::from_slice(&fs::read(&manifest).unwrap()).unwrap();
+    json["symmetries_discrete"] = serde_json::to_value(half_turns).unwrap();
+    fs::write(&manifest, json.to_string()).unwrap();
+    let cube = |models: &str, image: &str| {
+        let output = run(&["estimate", image, "--camera", "samples/demo.camera.json", "--json", "--models", models]);
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let found = answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap().clone();
+        let numbers: [f64; 4] = serde_json::from_value(found["camera_from_object"]["rotation_xyzw"].clone()).unwrap();
+        Pose::from_quaternion_xyzw(numbers, [0.0; 3]).unwrap()
+    };
+    let mut changed = 0;
+    for sample in samples() {
+        let image = sample.file.to_str().unwrap();
+        let (plain, canonical) = (cube("models", image), cube(models.path().to_str().unwrap(), image));
+        let alike = half_turns.map(|m| plain * Pose::from_matrix(&nalgebra::Matrix4::from_row_slice(&m)).unwrap());
+        let nearest = alike.into_iter().chain([plain]).map(|pose| pose.angle_to(&Pose::identity())).fold(4.0, f64::min);
+        assert!((canonical.angle_to(&Pose::identity()) - nearest).abs() < 1e-3);
+        assert!(alike.iter().chain([&plain]).any(|pose| pose.angle_to(&canonical) < 1e-3));
+        changed += usize::from(plain.angle_to(&canonical) > 0.1);
+    }
+    assert!(changed > 0, "every sample shows the cube's canonical pose, so this test shows nothing");
 }
 
 #[test]
@@ -151,6 +182,8 @@ fn damaged_models_are_named() {
     damage("cube/object.json", &replace("\"crop_scale\": 1.5", "\"crop_scale\": 1e9"), "'crop_scale'");
     damage("cube/object.json", &replace("\"name\": \"cube\"", "\"name\": \"../cube\""), "'name'");
     damage("cube/object.json", &replace("\"obj_id\"", "\"id\""), "`id`");
+    let sheared = "\"symmetries_discrete\": [[1,1,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]], \"crop_scale\"";
+    damage("cube/object.json", &replace("\"crop_scale\"", sheared), "'symmetries_discrete'");
     damage("detector/detector.json", &replace("end2end", "yolov8"), "yolov8");
 }
 

@@ -11,9 +11,7 @@ mod clicks;
 pub use average::{AverageError, Averaged, Consensus, Mode, ReferenceResidual, average};
 pub use clicks::{Click, ClickError, ClickResidual, ClickedPair, ClickedReference, FrameClicks, reference_from_clicks};
 
-use nalgebra::Matrix6;
-
-use crate::geometry::{Covariance6, Pose, block_diagonal, skew};
+use crate::geometry::{Covariance6, Pose, block_diagonal, covariance_about, skew};
 
 /// `object_from_keypoints` with its covariance along the axes of the frame `object`.
 #[derive(Clone, Debug)]
@@ -42,11 +40,6 @@ impl Offset {
     pub fn apply(&self, camera_from_keypoints: &Pose, covariance: &Covariance6) -> (Pose, Covariance6) {
         let camera_from_object = *camera_from_keypoints * self.object_from_keypoints.inverse();
         let lever = camera_from_object.translation() - camera_from_keypoints.translation();
-        let by_pose = {
-            let mut jacobian = Matrix6::identity();
-            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&lever));
-            jacobian
-        };
         let by_offset = {
             // object_from_keypoints moves by (τ, ψ) along the object's axes: the answer turns by -R ψ, and moves
             // by R (ψ x t - τ), with t the offset's translation.
@@ -56,7 +49,7 @@ impl Offset {
             jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&swing);
             jacobian
         };
-        let total = by_pose * covariance * by_pose.transpose() + by_offset * self.covariance * by_offset.transpose();
+        let total = covariance_about(covariance, &lever) + by_offset * self.covariance * by_offset.transpose();
         (camera_from_object, total)
     }
 }
@@ -65,7 +58,7 @@ impl Offset {
 mod tests {
     use super::*;
     use crate::geometry::parts;
-    use nalgebra::{Rotation3, Vector3, Vector6};
+    use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
     use proptest::prelude::*;
 
     fn any_pose() -> impl Strategy<Value = Pose> {

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 use thiserror::Error;
 
 use crate::calibration::Offset;
-use crate::geometry::{Affine, Camera, CameraError, Covariance6, Pose};
+use crate::geometry::{Affine, Camera, CameraError, Covariance6, Pose, covariance_about};
 use crate::model::{Detector, KeypointManifest, KeypointModel, RuntimeError, Store};
 use crate::pnp::{self, PnpError, Reason, Solution, Status, Verdict};
 use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, letterbox};
@@ -140,7 +140,7 @@ impl Estimator {
             timings.keypoints += start.elapsed();
             let start = Instant::now();
             for (detection, prediction) in found.into_iter().zip(&predictions) {
-                poses.push(object_pose(&model.manifest, &offset, detection, prediction, camera, &self.options));
+                poses.push(object_pose(model, &offset, detection, prediction, camera, &self.options));
             }
             timings.pose += start.elapsed();
         }
@@ -308,13 +308,14 @@ fn solve_keypoints(
 }
 
 fn object_pose(
-    manifest: &KeypointManifest,
+    model: &KeypointModel,
     offset: &Offset,
     detection: Detection,
     prediction: &KeypointPrediction,
     camera: &Camera,
     options: &pnp::Options,
 ) -> ObjectPose {
+    let manifest = &model.manifest;
     let answer = |verdict, pose| ObjectPose {
         object: manifest.name.clone(),
         verdict,
@@ -339,7 +340,12 @@ fn object_pose(
         // Wide covariances excuse such residuals, but no pose follows from them.
         verdict.object(Reason::HighResidual, Status::Rejected);
     }
-    let (camera_from_object, covariance) = offset.apply(&solution.pose, &solution.covariance);
+    let in_user_frame = |pose: &Pose, covariance: &Covariance6| {
+        let (pose, covariance) = offset.apply(pose, covariance);
+        let canonical = model.symmetries.canonical(&pose);
+        (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
+    };
+    let (camera_from_object, covariance) = in_user_frame(&solution.pose, &solution.covariance);
     if is_loose(&covariance, manifest.diameter_m) {
         verdict.object(Reason::UncertainPose, Status::LowConfidence);
     }
@@ -350,7 +356,7 @@ fn object_pose(
         reprojection_rmse_px,
         inliers: solution.inlier_count(),
         keypoints: prediction.pixels.len(),
-        alternatives: alternatives.map(|a| (offset.apply(&a.pose, &a.covariance).0, a.weight)).collect(),
+        alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
     };
     answer(verdict, Some(pose))

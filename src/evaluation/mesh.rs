@@ -10,6 +10,7 @@ use serde::Deserialize;
 use thiserror::Error;
 
 use super::bop::METRES_PER_MILLIMETRE;
+use crate::geometry::{BopSymmetries, Symmetries, SymmetryError};
 use crate::model::{ManifestError, read_json};
 
 /// A BOP models folder that cannot be read.
@@ -17,6 +18,8 @@ use crate::model::{ManifestError, read_json};
 pub enum MeshError {
     #[error(transparent)]
     Info(#[from] ManifestError),
+    #[error("{}: object {obj_id}: {source}", path.display())]
+    Symmetries { path: PathBuf, obj_id: u32, source: SymmetryError },
     #[error("{}: no object {obj_id}", path.display())]
     NoObject { path: PathBuf, obj_id: u32 },
     #[error("cannot read {}: {source}", path.display())]
@@ -37,10 +40,8 @@ pub struct ObjectModel {
 #[derive(Deserialize)]
 struct Info {
     diameter: f64,
-    #[serde(default)]
-    symmetries_discrete: Vec<serde_json::Value>,
-    #[serde(default)]
-    symmetries_continuous: Vec<serde_json::Value>,
+    #[serde(flatten)]
+    symmetries: BopSymmetries,
 }
 
 impl ObjectModel {
@@ -51,13 +52,11 @@ impl ObjectModel {
     pub fn read(folder: &Path, obj_id: u32) -> Result<Self, MeshError> {
         let path = folder.join("models_info.json");
         let mut objects: BTreeMap<u32, Info> = read_json(&path)?;
-        let info = objects.remove(&obj_id).ok_or(MeshError::NoObject { path, obj_id })?;
+        let info = objects.remove(&obj_id).ok_or_else(|| MeshError::NoObject { path: path.clone(), obj_id })?;
+        let symmetries =
+            Symmetries::try_from(&info.symmetries).map_err(|source| MeshError::Symmetries { path, obj_id, source })?;
         let vertices = read_vertices(&folder.join(format!("obj_{obj_id:06}.ply")))?;
-        Ok(Self {
-            vertices,
-            diameter_m: info.diameter * METRES_PER_MILLIMETRE,
-            symmetric: !(info.symmetries_discrete.is_empty() && info.symmetries_continuous.is_empty()),
-        })
+        Ok(Self { vertices, diameter_m: info.diameter * METRES_PER_MILLIMETRE, symmetric: !symmetries.is_trivial() })
     }
 }
 

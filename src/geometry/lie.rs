@@ -92,6 +92,14 @@ pub(crate) fn block_diagonal(rotation: &Matrix3<f64>) -> Matrix6<f64> {
     matrix
 }
 
+/// The covariance of a rigid body's step, seen at a point of it that lies `lever` further on (metres, parent's axes): a
+/// turn moves that point too.
+pub(crate) fn covariance_about(covariance: &Matrix6<f64>, lever: &Vector3<f64>) -> Matrix6<f64> {
+    let mut jacobian = Matrix6::identity();
+    jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(lever));
+    jacobian * covariance * jacobian.transpose()
+}
+
 /// The translation and the rotation part of a twist or a step.
 pub(crate) fn parts(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into(), twist.fixed_rows::<3>(3).into())

@@ -25,8 +25,8 @@ pub use alignment::{AlignmentError, align};
 pub use camera::{Camera, CameraError, ProjectionError};
 pub use epipolar::{epipolar_error, sampson_distance};
 pub use pose::{Covariance6, Pose, PoseError, skew};
-pub use symmetry::{ContinuousSymmetry, Symmetries, SymmetryError};
+pub use symmetry::{BopAxis, BopSymmetries, ContinuousSymmetry, Symmetries, SymmetryError};
 pub use triangulation::{Observation, TriangulatedPoint, TriangulationError, triangulate};
 
 pub(crate) use camera::normalised_by_point;
-pub(crate) use lie::{block_diagonal, parts};
+pub(crate) use lie::{block_diagonal, covariance_about, parts};

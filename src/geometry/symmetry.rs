@@ -1,8 +1,9 @@
 use nalgebra::{Rotation3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::Pose;
 use super::pose::skew;
+use super::{Pose, PoseError};
 
 /// Larger than every finite group of rotations that an object has in practice (icosahedron: 60), cyclic ones included.
 const MAX_GROUP: usize = 128;
@@ -16,6 +17,29 @@ pub struct ContinuousSymmetry {
     pub axis: Unit<Vector3<f64>>,
     /// A point on the axis, metres.
     pub offset_m: Vector3<f64>,
+}
+
+const METRES_PER_MILLIMETRE: f64 = 1e-3;
+
+/// Symmetries as BOP's `models_info.json` states them, in millimetres; other fields are left alone.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct BopSymmetries {
+    /// 4x4 transforms, row-major.
+    #[serde(default)]
+    pub symmetries_discrete: Vec<[f64; 16]>,
+    /// Axes of revolution.
+    #[serde(default)]
+    pub symmetries_continuous: Vec<BopAxis>,
+}
+
+/// An axis of revolution in BOP's syntax.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct BopAxis {
+    /// Its direction, of any length.
+    pub axis: [f64; 3],
+    /// A point on it, millimetres.
+    #[serde(default)]
+    pub offset: [f64; 3],
 }
 
 /// The motions of frame `object` under which an object looks the same, as the BOP format states them in
@@ -36,6 +60,12 @@ pub enum SymmetryError {
          that is not a whole fraction of a turn, or a translation, is the usual cause"
     )]
     NotFinite,
+    #[error("discrete symmetry {index} is no rigid motion: {source}")]
+    Motion { index: usize, source: PoseError },
+    #[error(
+        "continuous symmetry {index} has no axis: its direction must be three finite numbers that are not all zero"
+    )]
+    Axis { index: usize },
     #[error("{0} continuous symmetries; an object has at most one axis of revolution (a sphere has no orientation)")]
     SeveralAxes(usize),
 }
@@ -116,6 +146,37 @@ impl Symmetries {
     #[must_use]
     pub fn canonical(&self, camera_from_object: &Pose) -> Pose {
         self.nearest(camera_from_object, &Pose::identity())
+    }
+}
+
+impl TryFrom<&BopSymmetries> for Symmetries {
+    type Error = SymmetryError;
+
+    fn try_from(stated: &BopSymmetries) -> Result<Self, SymmetryError> {
+        let discrete = stated
+            .symmetries_discrete
+            .iter()
+            .enumerate()
+            .map(|(index, matrix)| {
+                let mut matrix = nalgebra::Matrix4::from_row_slice(matrix);
+                for row in 0..3 {
+                    matrix[(row, 3)] *= METRES_PER_MILLIMETRE;
+                }
+                Pose::from_matrix(&matrix).map_err(|source| SymmetryError::Motion { index, source })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let continuous = stated
+            .symmetries_continuous
+            .iter()
+            .enumerate()
+            .map(|(index, BopAxis { axis, offset })| {
+                let finite = axis.iter().chain(offset).all(|v| v.is_finite());
+                let direction = Unit::try_new(Vector3::from(*axis), 1e-9).filter(|_| finite);
+                let axis = direction.ok_or(SymmetryError::Axis { index })?;
+                Ok(ContinuousSymmetry { axis, offset_m: Vector3::from(*offset) * METRES_PER_MILLIMETRE })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        Self::new(&discrete, continuous)
     }
 }
 
@@ -222,8 +283,28 @@ mod tests {
         assert!(Symmetries::default().is_trivial() && !can().is_trivial());
     }
 
+    fn read(json: &str) -> Result<Symmetries, SymmetryError> {
+        Symmetries::try_from(&serde_json::from_str::<BopSymmetries>(json).unwrap())
+    }
+
+    #[test]
+    fn reads_what_bop_states() {
+        let json = r#"{"diameter": 90, "symmetries_discrete": [[-1,0,0,10, 0,-1,0,0, 0,0,1,0, 0,0,0,1]],
+            "symmetries_continuous": [{"axis": [0, 0, 2], "offset": [5, 0, 0]}]}"#;
+        let symmetries = read(json).unwrap();
+        let half_turn = symmetries.discrete()[1].transform(&Vector3::new(0.02, 0.0, 0.0));
+        assert!((half_turn - Vector3::new(-0.01, 0.0, 0.0)).norm() < 1e-12);
+        assert_eq!(symmetries.continuous()[0].axis, Vector3::z_axis());
+        assert!((symmetries.continuous()[0].offset_m.x - 0.005).abs() < 1e-12);
+        assert!(read(r#"{"diameter": 90}"#).unwrap().is_trivial());
+    }
+
     #[test]
     fn what_is_no_symmetry_is_refused() {
+        let scaled = r#"{"symmetries_discrete": [[2,0,0,0, 0,2,0,0, 0,0,2,0, 0,0,0,1]]}"#;
+        assert!(matches!(read(scaled), Err(SymmetryError::Motion { index: 0, .. })));
+        let no_axis = r#"{"symmetries_continuous": [{"axis": [0, 0, 0]}]}"#;
+        assert_eq!(read(no_axis), Err(SymmetryError::Axis { index: 0 }));
         let odd = Pose::new(Rotation3::new(Vector3::z()), Vector3::zeros());
         assert_eq!(Symmetries::new(&[odd], Vec::new()), Err(SymmetryError::NotFinite));
         let shift = Pose::new(Rotation3::identity(), Vector3::x());

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use crate::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
 use crate::pnp::{MAX_POINTS, MIN_POINTS};
 
 /// A model folder that cannot be used. Every message names the file, and the field where there is one.
@@ -37,6 +38,12 @@ pub struct KeypointManifest {
     pub virtual_keypoints_m: Vec<[f64; 3]>,
     /// The object's largest extent, metres: measured, or estimated from boxes and distances.
     pub diameter_m: f64,
+    /// Motions of frame `object` under which the object looks the same, in BOP's syntax: 4x4, row-major, millimetres.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub symmetries_discrete: Vec<[f64; 16]>,
+    /// At most one axis of revolution, in BOP's syntax: millimetres.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub symmetries_continuous: Vec<BopAxis>,
     /// Side of the square crop over the larger side of the detection box.
     pub crop_scale: f64,
     /// The keypoints are averaged over crops of these sizes, as factors of `crop_scale`: a small network's errors differ
@@ -137,8 +144,23 @@ impl KeypointManifest {
         self.virtual_keypoints_m.iter().copied().map(Vector3::from).collect()
     }
 
+    /// What `symmetries_discrete` and `symmetries_continuous` mean.
+    ///
+    /// # Errors
+    /// When they cannot be those of an object.
+    pub fn symmetries(&self) -> Result<Symmetries, SymmetryError> {
+        Symmetries::try_from(&BopSymmetries {
+            symmetries_discrete: self.symmetries_discrete.clone(),
+            symmetries_continuous: self.symmetries_continuous.clone(),
+        })
+    }
+
     fn validate(&self) -> Result<(), (&'static str, String)> {
         check_name(&self.name).map_err(|problem| ("name", problem))?;
+        self.symmetries().map_err(|error| match error {
+            SymmetryError::Motion { .. } | SymmetryError::NotFinite => ("symmetries_discrete", error.to_string()),
+            SymmetryError::Axis { .. } | SymmetryError::SeveralAxes(_) => ("symmetries_continuous", error.to_string()),
+        })?;
         let count = self.virtual_keypoints_m.len();
         if !(MIN_POINTS..=MAX_POINTS).contains(&count) {
             return Err((

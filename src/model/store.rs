@@ -5,6 +5,7 @@ use thiserror::Error;
 use super::manifest::{DetectorManifest, KeypointManifest, ManifestError, read_model};
 use super::reference::{Reference, ReferenceError};
 use super::runtime::{Network, Runtime, RuntimeError};
+use crate::geometry::{Symmetries, SymmetryError};
 
 /// Where the models and references lie.
 #[derive(Clone, Debug)]
@@ -24,6 +25,8 @@ pub enum LoadError {
     Reference(#[from] ReferenceError),
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
+    #[error(transparent)]
+    Symmetries(#[from] SymmetryError),
     #[error("{}: the folder is named {folder:?} but its manifest names the object {name:?}", path.display())]
     Name { path: PathBuf, folder: String, name: String },
     #[error("object {name:?} has no model: {} does not exist", path.display())]
@@ -38,6 +41,7 @@ pub struct Detector {
 /// A keypoint net with its manifest, and its reference where there is one.
 pub struct KeypointModel {
     pub manifest: KeypointManifest,
+    pub symmetries: Symmetries,
     pub network: Network,
     /// Without it the object is known but its poses cannot be given.
     pub reference: Option<Reference>,
@@ -116,7 +120,8 @@ impl KeypointModel {
             return Err(LoadError::Name { path, folder: name.into(), name: manifest.name });
         }
         let network = load_network(runtime, &folder.join("keypoints.onnx"), &manifest.model_sha256)?;
-        Ok(Self { manifest, network, reference: None })
+        let symmetries = manifest.symmetries()?;
+        Ok(Self { manifest, symmetries, network, reference: None })
     }
 }
 
