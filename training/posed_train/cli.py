@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import check, config, data, detector, export, train
+from . import ablate, check, config, data, detector, export, train
 from .bop import DatasetError
 
 
@@ -37,6 +37,15 @@ def main() -> None:
         command.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
         command.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
         command.add_argument("--threads", type=int, default=torch.get_num_threads())
+    ablating = commands.add_parser("ablate", help="train one object's net in several ways and print a table")
+    ablating.add_argument("settings", type=Path, help="train.toml")
+    ablating.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    ablating.add_argument("--runs", type=Path, default=Path("runs"))
+    ablating.add_argument(
+        "--only", type=int, nargs="*", default=range(len(ablate.VARIANTS)), help="some of the variants"
+    )
+    ablating.add_argument("--threads", type=int, default=torch.get_num_threads())
+    ablating.set_defaults(run=run_ablate)
     keypoints.set_defaults(run=run_keypoints)
     detect.set_defaults(run=run_detector)
 
@@ -58,6 +67,13 @@ def run_check(arguments: argparse.Namespace) -> None:
     print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
 
 
+def run_ablate(arguments: argparse.Namespace) -> None:
+    use_threads(arguments.threads)
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    ablate.run(settings, arguments.data, arguments.runs, list(arguments.only))
+    print(ablate.table(settings, arguments.runs))
+
+
 def use_threads(count: int) -> None:
     torch.set_num_threads(count)
     cv2.setNumThreads(count)
@@ -77,7 +93,7 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     }
     identity = {"name": settings.name, "obj_id": settings.obj_id}
     out = arguments.models / settings.name
-    export.export_keypoints(net.cpu(), views, out, identity, summary)
+    export.export_keypoints(net.cpu(), views, out, identity, summary, settings.symmetries_discrete)
     print(f"{out}: {summary}")
 
 

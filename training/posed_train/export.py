@@ -198,6 +198,7 @@ def export_keypoints(
     out: Path,
     identity: dict,
     training: dict,
+    symmetries_discrete: list[list[float]] | None = None,
 ) -> None:
     """Writes `keypoints.onnx` and `object.json`; refuses an export that differs from PyTorch."""
     out.mkdir(parents=True, exist_ok=True)
@@ -220,6 +221,7 @@ def export_keypoints(
         "model_sha256": sha256(path),
         "virtual_keypoints_m": registration.keypoints.round(9).tolist(),
         "diameter_m": round(registration.size_m, 5),
+        **({"symmetries_discrete": symmetries_discrete} if symmetries_discrete else {}),
         "crop_scale": CROP_SCALE,
         "crop_ensemble": list(CROP_ENSEMBLE),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},

@@ -34,6 +34,18 @@ def add(model: Model, estimate: np.ndarray, truth: np.ndarray) -> float:
     return float(np.linalg.norm(estimated - true, axis=1).mean())
 
 
+def projection_error_px(model: Model, estimate: np.ndarray, truth: np.ndarray, camera_matrix: np.ndarray) -> float:
+    """Mean distance of the vertices' projections; of closest ones for an object with symmetries."""
+
+    def pixels(pose: np.ndarray) -> np.ndarray:
+        image = transform(pose, model.vertices) @ camera_matrix.T
+        return image[:, :2] / image[:, 2:]
+
+    if model.symmetric:
+        return float(cKDTree(pixels(estimate)).query(pixels(truth))[0].mean())
+    return float(np.linalg.norm(pixels(estimate) - pixels(truth), axis=1).mean())
+
+
 def rotation_error_deg(estimate: np.ndarray, truth: np.ndarray) -> float:
     cosine = (np.trace(estimate[:3, :3].T @ truth[:3, :3]) - 1) / 2
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

@@ -32,5 +32,11 @@ def descend(model: nn.Module, optimizer: torch.optim.Optimizer, loss: Tensor, ra
 def save(state: dict, path: Path) -> None:
     """A reader sees the old checkpoint or the new one, never a part."""
     temporary = path.with_suffix(".tmp")
-    torch.save(state, temporary)
+    try:
+        torch.save(state, temporary)
+    except (OSError, RuntimeError) as error:  # PyTorch reports a full disk as a RuntimeError
+        temporary.unlink(missing_ok=True)
+        raise OSError(
+            f"{path}: cannot write the checkpoint ({error}); is the disk full? The last one is kept"
+        ) from None
     os.replace(temporary, path)

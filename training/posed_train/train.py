@@ -1,7 +1,6 @@
 """The training loop of a keypoint net."""
 
 import copy
-import csv
 import time
 from pathlib import Path
 
@@ -17,8 +16,9 @@ from .data import DEVICE, Data, PairBatch, Pairs, Views
 from .heatmap import Decode
 from .losses import heatmap_loss, soft_argmax
 from .network import KeypointNet
-from .registration import join
-from .validate import Predictor, predict_views, score, solve_pose
+from .pictures import Log, draw_curves, draw_sheet
+from .registration import JOIN_DISTANCE_OF_SIZE, JOIN_ROTATION_DEG, consensus, join
+from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
@@ -117,31 +117,37 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     augment = Augmenter(data.backgrounds, rng, data.input_size)
     validator = Validator(config, root, views)
     step = stepper(config, trainer, views, data)
+    log = Log(out / "log.csv")
     losses, started = [], time.time()
-    with (
-        (out / "log.csv").open("a", newline="") as log_file,
-        tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar,
-    ):
-        log = csv.writer(log_file)
+    with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
         while trainer.step < config.steps:
             augment.strength = config.augmentation * augmentation_fade(trainer.step / config.steps)
             losses.append(step(augment, rng))
             bar.update()
-            if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
-                bar.set_postfix(loss=f"{np.mean(losses):.3f}")
-                trainer.save(checkpoint)
-                scores = validator(trainer.average) if trainer.step % VALIDATE_EVERY == 0 else {}
-                log.writerow([trainer.step, f"{time.time() - started:.0f}", f"{np.mean(losses):.4f}", scores])
-                log_file.flush()
-                if scores:
-                    bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
-                if trainer.step % VALIDATE_EVERY == 0 and join_components(views, trainer.average):
+            if trainer.step % CHECKPOINT_EVERY and trainer.step != config.steps:
+                continue
+            bar.set_postfix(loss=f"{np.mean(losses):.3f}")
+            trainer.save(checkpoint)
+            row = {"step": trainer.step, "seconds": round(time.time() - started), "loss": round(np.mean(losses), 4)}
+            if trainer.step % VALIDATE_EVERY == 0 or trainer.step == config.steps:
+                scores = validator(trainer.average)
+                row |= {key: round(value, 3) for key, value in scores.items()}
+                bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
+                draw_progress(views, trainer.average, out)
+                if joined := join_components(views, trainer.average):
                     data.add_placed()
-                    components = views.registration.components
-                    placed = sum(component.component_from_keypoints is not None for component in components)
-                    bar.write(f"step {trainer.step}: {placed} of {len(components)} components placed")
-                losses = []
+                    bar.write(f"step {trainer.step}: {joined} more components placed")
+            log.write(row)
+            draw_curves(log, out / "curves.png")
+            losses = []
     return trainer.average, views
+
+
+def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:
+    """The keypoints on held-out views, `sheet.png`."""
+    if views.held_out:
+        held_out = [views.all[index] for index in views.held_out]
+        draw_sheet(predictor(model), held_out, views.targets(views.held_out), out / "sheet.png")
 
 
 def stepper(config: KeypointConfig, trainer: Trainer, views: Views, data: Data):
@@ -173,6 +179,7 @@ class Validator:
 
     def __init__(self, config: KeypointConfig, root: Path, views: Views):
         self.registration, self.keypoints_from_object = views.registration, views.keypoints_from_object
+        self.anchored = config.loss == "component"
         self.views = []
         if config.validation and self.keypoints_from_object is not None:
             self.views = bop.read_views(root / config.validation, config.obj_id, min_visible=0.7)
@@ -185,4 +192,17 @@ class Validator:
         if not self.views:
             return {}
         predictions = predict_views(predictor(model), self.views)
-        return score(self.model, self.registration.keypoints, self.keypoints_from_object, predictions)
+        offset = self.keypoints_from_object if self.anchored else self.voted_offset(predictions)
+        return score(self.model, self.registration.keypoints, offset, predictions)
+
+    def voted_offset(self, predictions: list[Prediction]) -> np.ndarray:
+        """With the paper's losses the net chooses the keypoints' frame: what most views agree on."""
+        poses = [solve_pose(self.registration.keypoints, prediction) for prediction in predictions]
+        votes = [
+            np.linalg.inv(pose) @ prediction.view.camera_from_object
+            for pose, prediction in zip(poses, predictions)
+            if pose is not None
+        ]
+        if not votes:
+            return np.eye(4)
+        return consensus(np.stack(votes), JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * self.registration.size_m)[0]

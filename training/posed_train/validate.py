@@ -72,8 +72,8 @@ def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | No
 def score(
     model: metrics.Model, keypoints: np.ndarray, keypoints_from_object: np.ndarray, predictions: list[Prediction]
 ) -> dict[str, float]:
-    """ADD(-S) < 10 % of the diameter and 5 deg 5 cm, as percentages, and median errors."""
-    add, rotation, translation, pixels = [], [], [], []
+    """ADD(-S) < 10 % of the diameter, Proj-5 and 5 deg 5 cm, as percentages, and median errors."""
+    add, proj, rotation, translation, pixels = [], [], [], [], []
     for prediction in predictions:
         truth = prediction.view.camera_from_object
         expected = project(prediction.view.camera_matrix, truth @ np.linalg.inv(keypoints_from_object), keypoints)
@@ -81,17 +81,20 @@ def score(
         pose = solve_pose(keypoints, prediction)
         if pose is None:
             add.append(np.inf)
+            proj.append(np.inf)
             rotation.append(180.0)
             translation.append(np.inf)
             continue
         estimate = pose @ keypoints_from_object
         add.append(metrics.add(model, estimate, truth))
+        proj.append(metrics.projection_error_px(model, estimate, truth, prediction.view.camera_matrix))
         rotation.append(metrics.rotation_error_deg(estimate, truth))
         translation.append(metrics.translation_error_m(estimate, truth))
-    add, rotation, translation = map(np.array, (add, rotation, translation))
+    add, proj, rotation, translation = map(np.array, (add, proj, rotation, translation))
     return {
         "views": len(predictions),
         "add_percent": 100 * float(np.mean(add < 0.1 * model.diameter)),
+        "proj5_percent": 100 * float(np.mean(proj < 5)),
         "deg5_cm5_percent": 100 * float(np.mean((rotation < 5) & (translation < 0.05))),
         "rotation_median_deg": float(np.median(rotation)),
         "translation_median_mm": 1000 * float(np.median(translation)),

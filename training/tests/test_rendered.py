@@ -79,7 +79,8 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     run.mkdir()
     trainer.save(run / "checkpoint.pt")
     net, _ = train.train(CUBE, rendered, run)
-    assert (run / "log.csv").read_text().startswith("70,")  # went on from step 60
+    assert (run / "log.csv").read_text().splitlines()[1].startswith("70,")  # went on from step 60
+    assert (run / "curves.png").stat().st_size > 10_000 and (run / "sheet.png").stat().st_size > 10_000
 
     out = tmp_path / "models" / "cube"
     identity = {"name": "cube", "obj_id": 1}
