@@ -46,6 +46,7 @@ def main() -> None:
     )
     ablating.add_argument("--threads", type=int, default=torch.get_num_threads())
     ablating.set_defaults(run=run_ablate)
+    keypoints.add_argument("--workers", type=int, default=0, help="processes that prepare batches; a GPU needs several")
     keypoints.set_defaults(run=run_keypoints)
     detect.set_defaults(run=run_detector)
 
@@ -83,7 +84,9 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
     print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
-    net, views = train.train(settings, arguments.data, arguments.runs / settings.name, arguments.init)
+    net, views = train.train(
+        settings, arguments.data, arguments.runs / settings.name, arguments.init, arguments.workers
+    )
     scores = train.Validator(settings, arguments.data, views)(net)
     summary = {
         "steps": settings.steps,

@@ -111,16 +111,21 @@ class Data:
         samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
         crops, affines = zip(*(augment(sample) for sample in samples))
         keypoints = [sample.keypoints @ a[:, :2].T + a[:, 2] for sample, a in zip(samples, affines)]
-        return to_images(crops), torch.from_numpy(np.stack(keypoints)).float().to(DEVICE)
+        return to_images(crops), torch.from_numpy(np.stack(keypoints)).float()
 
 
 @dataclass(frozen=True)
 class PairBatch:
-    """B pairs of views; the second halves follow the first ones."""
+    """B pairs of views; the second views follow the first ones."""
 
     images: Tensor  # [2 B, 3, S, S]
     normalised_from_crop: Tensor  # [2 B, 2, 3]: crop pixels to the plane z = 1
     second_from_first: Tensor  # [B, 4, 4]
+
+    def to(self, device: torch.device) -> "PairBatch":
+        return PairBatch(
+            *(value.to(device) for value in (self.images, self.normalised_from_crop, self.second_from_first))
+        )
 
 
 class Pairs:
@@ -148,7 +153,7 @@ class Pairs:
 
     def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> PairBatch:
         firsts, seconds, relative = [], [], []
-        for _ in range(size):
+        for _ in range(size // 2):
             first, first_pose, others = self.partners[rng.integers(len(self.partners))]
             second, second_pose = others[rng.integers(len(others))]
             firsts.append(first)
@@ -161,8 +166,26 @@ class Pairs:
             crops.append(crop)
             normalised_from_image = np.linalg.inv(self.views.all[index].camera_matrix)
             maps.append((normalised_from_image @ np.linalg.inv(square(crop_from_patch) @ patch.patch_from_image))[:2])
-        as_tensor = lambda values: torch.from_numpy(np.stack(values)).float().to(DEVICE)  # noqa: E731
+        as_tensor = lambda values: torch.from_numpy(np.stack(values)).float()  # noqa: E731
         return PairBatch(to_images(crops), as_tensor(maps), as_tensor(relative))
+
+
+class Batches(torch.utils.data.IterableDataset):
+    """The batches of all steps from one on. Each step has its own random numbers, so that a training that was stopped,
+    or has other workers, sees the same batches."""
+
+    def __init__(self, source: Data | Pairs, data: Data, config: KeypointConfig, first: int, strength):
+        self.source, self.config, self.first, self.strength = source, config, first, strength
+        self.backgrounds, self.input_size = data.backgrounds, data.input_size
+
+    def __iter__(self):
+        worker = torch.utils.data.get_worker_info()
+        offset, stride = (worker.id, worker.num_workers) if worker else (0, 1)
+        for step in range(self.first + offset, self.config.steps, stride):
+            rng = np.random.default_rng([self.config.seed, step])
+            augment = Augmenter(self.backgrounds, rng, self.input_size)
+            augment.strength = self.strength(step)
+            yield self.source.batch(self.config.batch, augment, rng)
 
 
 def square(affine: np.ndarray) -> np.ndarray:
@@ -170,8 +193,8 @@ def square(affine: np.ndarray) -> np.ndarray:
 
 
 def to_images(crops: list[np.ndarray]) -> Tensor:
-    images = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2).float() / 255
-    return images.to(DEVICE).contiguous(memory_format=torch.channels_last)
+    """`[B, 3, S, S]` raw 8-bit, channels last in memory."""
+    return torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2)
 
 
 def read_backgrounds(folder: Path, least_px: int) -> list[np.ndarray]:

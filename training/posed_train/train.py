@@ -10,9 +10,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from . import bop, metrics, optimise, pairwise
-from .augment import Augmenter
 from .config import KeypointConfig
-from .data import DEVICE, Data, PairBatch, Pairs, Views
+from .data import DEVICE, Batches, Data, PairBatch, Pairs, Views
 from .heatmap import Decode
 from .losses import heatmap_loss, soft_argmax
 from .network import KeypointNet
@@ -42,10 +41,11 @@ def predictor(model: KeypointNet) -> Predictor:
 class Trainer:
     """Holds everything a checkpoint must hold."""
 
-    def __init__(self, config: KeypointConfig, keypoints: int, init: Path | None):
+    def __init__(self, config: KeypointConfig, keypoints: np.ndarray, init: Path | None):
         torch.manual_seed(config.seed)
         self.config, self.step = config, 0
-        self.model = KeypointNet(keypoints, config.network).to(DEVICE, memory_format=torch.channels_last)
+        self.keypoints = torch.from_numpy(keypoints).float().to(DEVICE)
+        self.model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
             self.model.load_state_dict(torch.load(init, map_location=DEVICE, weights_only=True)["average"])
         self.average = copy.deepcopy(self.model)
@@ -53,21 +53,25 @@ class Trainer:
 
     def forward(self, images: Tensor) -> Tensor:
         self.model.train()
+        images = images.to(DEVICE, non_blocking=True).float() / 255
         with torch.autocast(DEVICE.type, torch.bfloat16):
             return self.model(images).float()
 
-    def component_step(self, images: Tensor, keypoints: Tensor) -> float:
+    def component_step(self, batch: tuple[Tensor, Tensor]) -> float:
         """Supervised by the projected keypoints."""
+        images, keypoints = batch
         logits = self.forward(images)
-        return self.descend(heatmap_loss(logits, keypoints, self.model.input_size, self.config.distance_weight))
+        loss = heatmap_loss(logits, keypoints.to(DEVICE), self.model.input_size, self.config.distance_weight)
+        return self.descend(loss)
 
-    def pairwise_step(self, keypoints: Tensor, batch: PairBatch) -> float:
+    def pairwise_step(self, batch: PairBatch) -> float:
         """Supervised by the other view of a pair, as in the paper."""
+        batch = batch.to(DEVICE)
         pixels = soft_argmax(self.forward(batch.images), self.model.input_size)
         linear, shift = batch.normalised_from_crop[..., :2], batch.normalised_from_crop[:, None, :, 2]
         first, second = (pixels @ linear.transpose(-1, -2) + shift).chunk(2)
         consistency = self.config.loss == "pairwise"
-        return self.descend(pairwise.pairwise_loss(keypoints, first, second, batch.second_from_first, consistency))
+        return self.descend(pairwise.pairwise_loss(self.keypoints, first, second, batch.second_from_first, consistency))
 
     def descend(self, loss: Tensor) -> float:
         rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
@@ -102,27 +106,32 @@ class Trainer:
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None) -> tuple[KeypointNet, Views]:
-    """Trains (or goes on training) one object's net; `out` gets checkpoint.pt and log.csv."""
+def train(
+    config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0
+) -> tuple[KeypointNet, Views]:
+    """Trains (or goes on training) one object's net; `out` gets checkpoint.pt, log.csv, curves.png and sheet.png.
+
+    `workers` processes prepare batches; with none the training does so itself.
+    """
     out.mkdir(parents=True, exist_ok=True)
     if config.loss not in LOSSES:
         raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
     views = Views(config, root)
     data = Data(config, root, views)
-    trainer = Trainer(config, len(views.registration.keypoints), init)
+    trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         trainer.resume(checkpoint)
-    rng = np.random.default_rng([config.seed, trainer.step])
-    augment = Augmenter(data.backgrounds, rng, data.input_size)
     validator = Validator(config, root, views)
-    step = stepper(config, trainer, views, data)
+    source, step = (
+        (data, trainer.component_step) if config.loss == "component" else (Pairs(config, views), trainer.pairwise_step)
+    )
+    batches = load(source, data, config, trainer.step, workers)
     log = Log(out / "log.csv")
     losses, started = [], time.time()
     with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
         while trainer.step < config.steps:
-            augment.strength = config.augmentation * augmentation_fade(trainer.step / config.steps)
-            losses.append(step(augment, rng))
+            losses.append(step(next(batches)))
             bar.update()
             if trainer.step % CHECKPOINT_EVERY and trainer.step != config.steps:
                 continue
@@ -136,6 +145,7 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
                 draw_progress(views, trainer.average, out)
                 if joined := join_components(views, trainer.average):
                     data.add_placed()
+                    batches = load(source, data, config, trainer.step, workers)
                     bar.write(f"step {trainer.step}: {joined} more components placed")
             log.write(row)
             draw_curves(log, out / "curves.png")
@@ -150,13 +160,16 @@ def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:
         draw_sheet(predictor(model), held_out, views.targets(views.held_out), out / "sheet.png")
 
 
-def stepper(config: KeypointConfig, trainer: Trainer, views: Views, data: Data):
-    """What one training step is: it depends on the loss."""
-    if config.loss == "component":
-        return lambda augment, rng: trainer.component_step(*data.batch(config.batch, augment, rng))
-    pairs = Pairs(config, views)
-    keypoints = torch.from_numpy(views.registration.keypoints).float().to(DEVICE)
-    return lambda augment, rng: trainer.pairwise_step(keypoints, pairs.batch(config.batch // 2, augment, rng))
+def load(source: Data | Pairs, data: Data, config: KeypointConfig, first: int, workers: int):
+    def strength(step: int) -> float:
+        return config.augmentation * augmentation_fade(step / config.steps)
+
+    batches = Batches(source, data, config, first, strength)
+    # Forked, so that workers share the patches and need no copy of `strength`.
+    context = "fork" if workers else None
+    return iter(
+        torch.utils.data.DataLoader(batches, batch_size=None, num_workers=workers, multiprocessing_context=context)
+    )
 
 
 def join_components(views: Views, model: KeypointNet) -> int:

@@ -9,7 +9,7 @@ import pytest
 import torch
 import trimesh
 
-from posed_train import bop, cli, config, data, detector, export, registration, train
+from posed_train import augment, bop, cli, config, data, detector, export, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
@@ -70,10 +70,10 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     run = tmp_path / "run"
     views = data.Views(CUBE, rendered)
     patches = data.Data(CUBE, rendered, views)
-    trainer = train.Trainer(CUBE, 8, None)
+    trainer = train.Trainer(CUBE, views.registration.keypoints, None)
     rng = np.random.default_rng(0)
-    augment = train.Augmenter([], rng, 128)
-    losses = [trainer.component_step(*patches.batch(16, augment, rng)) for _ in range(60)]
+    vary = augment.Augmenter([], rng, 128)
+    losses = [trainer.component_step(patches.batch(16, vary, rng)) for _ in range(60)]
     assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.5
 
     run.mkdir()
@@ -99,12 +99,11 @@ def test_the_papers_losses_go_down(rendered, loss):
     """From camera poses alone: every scene is a component."""
     settings = replace(CUBE, poses="camera", loss=loss, augmentation=0.0, held_out_scenes=9, held_out_every=99)
     views = data.Views(settings, rendered)
-    trainer = train.Trainer(settings, 8, None)
+    trainer = train.Trainer(settings, views.registration.keypoints, None)
     rng = np.random.default_rng(0)
-    augment = train.Augmenter([], rng, 128)
-    batch = data.Pairs(settings, views).batch(4, augment, rng)
-    keypoints = torch.from_numpy(views.registration.keypoints).float()
-    losses = [trainer.pairwise_step(keypoints, batch) for _ in range(60)]
+    vary = augment.Augmenter([], rng, 128)
+    batch = data.Pairs(settings, views).batch(8, vary, rng)
+    losses = [trainer.pairwise_step(batch) for _ in range(60)]
     # On the same few pairs again and again: over many the losses stay on a plateau for long.
     assert np.isfinite(losses).all() and np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
 
@@ -112,15 +111,24 @@ def test_the_papers_losses_go_down(rendered, loss):
 def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
     settings = replace(CUBE, network="paper", keypoint_shape="r-sphere", keypoint_count=5, batch=4)
     views = data.Views(settings, rendered)
-    trainer = train.Trainer(settings, 5, None)
-    rng = np.random.default_rng(0)
-    augment = train.Augmenter([], rng, 192)
-    step = train.stepper(settings, trainer, views, data.Data(settings, rendered, views))
-    losses = [step(augment, rng) for _ in range(12)]
+    trainer = train.Trainer(settings, views.registration.keypoints, None)
+    batches = train.load(*[data.Data(settings, rendered, views)] * 2, settings, 0, workers=2)
+    losses = [trainer.component_step(next(batches)) for _ in range(12)]
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
     export.export_keypoints(trainer.model, views, tmp_path, {"name": "cube", "obj_id": 1}, {})
     assert json.loads((tmp_path / "object.json").read_text())["input"]["size"] == 192
     assert export.predictor(tmp_path / "keypoints.onnx").run(np.zeros((1, 192, 192, 3), np.uint8))[0].shape == (1, 5, 2)
+
+
+def test_batches_do_not_depend_on_the_workers(rendered):
+    """Nor on where a training was stopped: step 5 is step 5."""
+    patches = data.Data(CUBE, rendered, data.Views(CUBE, rendered))
+    alone, shared = (train.load(patches, patches, CUBE, first, workers) for first, workers in ((0, 0), (3, 2)))
+    for _ in range(3):
+        next(alone)
+    for _ in range(4):
+        for expected, found in zip(next(alone), next(shared)):
+            assert torch.equal(expected, found)
 
 
 def test_settings_that_cannot_be_are_named(rendered):
