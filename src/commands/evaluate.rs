@@ -3,12 +3,17 @@ use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
+use image::RgbImage;
 
 use super::ModelArgs;
-use crate::estimator::solve_object;
-use crate::evaluation::{ObjectModel, PoseError, Score, image_ids, read_image, scenes};
-use crate::model::KeypointModel;
-use crate::vision::{ImageLimits, decode};
+use crate::estimator::{Estimator, ObjectPose, solve_object};
+use crate::evaluation::{GroundTruth, ObjectModel, PoseError, Score, image_ids, read_image, scenes};
+use crate::geometry::{Camera, Pose};
+use crate::model::{KeypointModel, Store};
+use crate::vision::{BoundingBox, ImageLimits, decode};
+
+/// Intersection over union with the true box from which on a detection is of this object.
+const SAME_PLACE_OVERLAP: f64 = 0.5;
 
 #[derive(Args, Debug)]
 pub(super) struct Evaluate {
@@ -24,6 +29,12 @@ pub(super) struct Evaluate {
     /// Views that show less of the object than this share are left out.
     #[arg(long, default_value_t = 0.7)]
     min_visible: f64,
+    /// Views that show more of it are left out.
+    #[arg(long, default_value_t = 1.0)]
+    max_visible: f64,
+    /// Boxes of the detector instead of those of the ground truth; a view without a pose counts as wrong.
+    #[arg(long)]
+    detector: bool,
     #[command(flatten)]
     models: ModelArgs,
 }
@@ -31,18 +42,24 @@ pub(super) struct Evaluate {
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let (paths, runtime) = (self.models.paths(), self.models.runtime()?);
-        println!("Ground-truth boxes of {}, visible fraction >= {}\n", self.split.display(), self.min_visible);
-        println!("| object | views | ADD(-S) % | 5°5cm % | rotation, median (deg) | translation, median (mm) |");
-        println!("|---|---|---|---|---|---|");
+        let boxes = if self.detector { "The detector's boxes" } else { "Ground-truth boxes" };
+        let (split, least, most) = (self.split.display(), self.min_visible, self.max_visible);
+        println!("{boxes} of {split}, visible fraction {least} to {most}\n");
+        println!(
+            "| object | views | ADD(-S) % | Proj-5 % | 5°5cm % | rotation, median (deg) | translation, median (mm) |"
+        );
+        println!("|---|---|---|---|---|---|---|");
+        let mut estimator = if self.detector { Some(Estimator::new(Store::load(&paths, &runtime)?)) } else { None };
         for name in &self.objects {
             let mut model = KeypointModel::load(&paths, name, &runtime)?;
             let mesh = ObjectModel::read(&self.meshes, model.manifest.obj_id)?;
-            let errors = self.errors(&mut model, &mesh)?;
+            let errors = self.errors(&mut model, estimator.as_mut(), &mesh)?;
             let score = Score::of(&errors, &mesh);
             println!(
-                "| {name} | {} | {:.1} | {:.1} | {:.2} | {:.1} |",
+                "| {name} | {} | {:.1} | {:.1} | {:.1} | {:.2} | {:.1} |",
                 score.views,
                 100.0 * score.add,
+                100.0 * score.proj5,
                 100.0 * score.deg5_cm5,
                 score.median_rotation_deg,
                 1e3 * score.median_translation_m,
@@ -51,22 +68,26 @@ impl Evaluate {
         Ok(())
     }
 
-    fn errors(&self, model: &mut KeypointModel, mesh: &ObjectModel) -> Result<Vec<Option<PoseError>>, Box<dyn Error>> {
-        let name = &model.manifest.name;
-        let reference = model.reference.clone().ok_or_else(|| format!("{name} is not calibrated"))?;
+    fn errors(
+        &self,
+        model: &mut KeypointModel,
+        mut estimator: Option<&mut Estimator>,
+        mesh: &ObjectModel,
+    ) -> Result<Vec<Option<PoseError>>, Box<dyn Error>> {
         let obj_id = model.manifest.obj_id;
+        let visible = self.min_visible..=self.max_visible;
         let mut errors = Vec::new();
         for scene in scenes(&self.split)? {
             for image_id in image_ids(&scene)? {
                 let (path, camera, objects) = read_image(&scene, image_id)?;
-                let wanted = objects.iter().filter(|o| o.obj_id == obj_id && o.visible_fraction >= self.min_visible);
-                for truth in wanted {
+                for truth in objects.iter().filter(|o| o.obj_id == obj_id && visible.contains(&o.visible_fraction)) {
                     let image = decode(&fs::read(&path)?, &ImageLimits::default())?;
-                    let solved = solve_object(model, &image, &truth.bounding_box, &camera)?;
-                    errors.push(solved.ok().map(|solution| {
-                        let (estimate, _) = reference.offset.apply(&solution.pose, &solution.covariance);
-                        PoseError::new(mesh, &estimate, &truth.camera_from_object)
-                    }));
+                    let estimate = match &mut estimator {
+                        Some(estimator) => detected(estimator, &image, &camera, &model.manifest.name, truth)?,
+                        None => within_box(model, &image, &camera, &truth.bounding_box)?,
+                    };
+                    let error = |pose: Pose| PoseError::new(mesh, &camera, &pose, &truth.camera_from_object);
+                    errors.push(estimate.map(error));
                 }
             }
         }
@@ -75,4 +96,33 @@ impl Evaluate {
         }
         Ok(errors)
     }
+}
+
+/// The pose within a given box.
+fn within_box(
+    model: &mut KeypointModel,
+    image: &RgbImage,
+    camera: &Camera,
+    region: &BoundingBox,
+) -> Result<Option<Pose>, Box<dyn Error>> {
+    let name = &model.manifest.name;
+    let offset = model.reference.as_ref().map(|reference| reference.offset.clone());
+    let offset = offset.ok_or_else(|| format!("{name} is not calibrated"))?;
+    let solved = solve_object(model, image, region, camera)?;
+    Ok(solved.ok().map(|solution| offset.apply(&solution.pose, &solution.covariance).0))
+}
+
+/// The most trusted pose that the whole pipeline finds at the place of the true object, whatever its status.
+fn detected(
+    estimator: &mut Estimator,
+    image: &RgbImage,
+    camera: &Camera,
+    name: &str,
+    truth: &GroundTruth,
+) -> Result<Option<Pose>, Box<dyn Error>> {
+    let there = |found: &ObjectPose| {
+        found.object == name && found.detection.bounding_box.overlap(&truth.bounding_box) > SAME_PLACE_OVERLAP
+    };
+    let poses = estimator.estimate(image, camera)?.poses;
+    Ok(poses.into_iter().find(there).and_then(|found| found.pose).map(|pose| pose.camera_from_object))
 }

@@ -33,8 +33,8 @@ pub enum MeshError {
 pub struct ObjectModel {
     pub vertices: Vec<Vector3<f64>>,
     pub diameter_m: f64,
-    /// Whether the object looks the same under some rotations, so that ADD-S applies.
-    pub symmetric: bool,
+    /// Under which motions the object looks the same: where there are any, ADD-S applies.
+    pub symmetries: Symmetries,
 }
 
 #[derive(Deserialize)]
@@ -56,7 +56,7 @@ impl ObjectModel {
         let symmetries =
             Symmetries::try_from(&info.symmetries).map_err(|source| MeshError::Symmetries { path, obj_id, source })?;
         let vertices = read_vertices(&folder.join(format!("obj_{obj_id:06}.ply")))?;
-        Ok(Self { vertices, diameter_m: info.diameter * METRES_PER_MILLIMETRE, symmetric: !symmetries.is_trivial() })
+        Ok(Self { vertices, diameter_m: info.diameter * METRES_PER_MILLIMETRE, symmetries })
     }
 }
 

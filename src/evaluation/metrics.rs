@@ -1,9 +1,10 @@
-//! Accuracy of poses as the field defines it: Hinterstoisser et al. (ACCV 2012) for ADD and ADD-S.
+//! Accuracy of poses as the field defines it: Hinterstoisser et al. (ACCV 2012) for ADD and ADD-S, Brachmann et al.
+//! (CVPR 2016) for Proj-5.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::mesh::ObjectModel;
-use crate::geometry::Pose;
+use crate::geometry::{Camera, Pose};
 
 const ADD_SHARE_OF_DIAMETER: f64 = 0.1;
 
@@ -12,17 +13,23 @@ const ADD_SHARE_OF_DIAMETER: f64 = 0.1;
 pub struct PoseError {
     /// ADD, or ADD-S for a symmetric object, metres.
     pub add_m: f64,
+    /// Mean distance of the vertices' projections (of the closest ones for a symmetric object), pixels; infinite where a
+    /// vertex has no projection.
+    pub projection_px: f64,
+    /// From the pose that looks like the estimate and is nearest to the truth.
     pub rotation_deg: f64,
     pub translation_m: f64,
 }
 
 impl PoseError {
     #[must_use]
-    pub fn new(model: &ObjectModel, estimate: &Pose, truth: &Pose) -> Self {
+    pub fn new(model: &ObjectModel, camera: &Camera, estimate: &Pose, truth: &Pose) -> Self {
+        let nearest = model.symmetries.nearest(estimate, truth);
         Self {
             add_m: add(model, estimate, truth),
-            rotation_deg: estimate.angle_to(truth).to_degrees(),
-            translation_m: (estimate.translation() - truth.translation()).norm(),
+            projection_px: projection(model, camera, estimate, truth).unwrap_or(f64::INFINITY),
+            rotation_deg: nearest.angle_to(truth).to_degrees(),
+            translation_m: (nearest.translation() - truth.translation()).norm(),
         }
     }
 }
@@ -30,22 +37,29 @@ impl PoseError {
 /// Mean distance of the vertices under both poses; to the closest vertex for a symmetric object. Metres.
 #[must_use]
 pub fn add(model: &ObjectModel, estimate: &Pose, truth: &Pose) -> f64 {
-    let estimated: Vec<Vector3<f64>> = model.vertices.iter().map(|v| estimate.transform(v)).collect();
-    let sum: f64 = model
-        .vertices
-        .iter()
-        .enumerate()
-        .map(|(index, vertex)| {
-            let true_point = truth.transform(vertex);
-            if model.symmetric {
-                estimated.iter().map(|e| (e - true_point).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
-            } else {
-                (estimated[index] - true_point).norm()
-            }
-        })
-        .sum();
-    let count = model.vertices.len() as f64;
-    sum / count
+    let moved = |pose: &Pose| -> Vec<Vector3<f64>> { model.vertices.iter().map(|v| pose.transform(v)).collect() };
+    mean_distance(&moved(estimate), &moved(truth), !model.symmetries.is_trivial(), |a, b| (a - b).norm_squared())
+}
+
+fn projection(model: &ObjectModel, camera: &Camera, estimate: &Pose, truth: &Pose) -> Option<f64> {
+    let pixels = |pose: &Pose| -> Option<Vec<Vector2<f64>>> {
+        model.vertices.iter().map(|v| camera.project(&pose.transform(v)).ok()).collect()
+    };
+    let squared = |a: &Vector2<f64>, b: &Vector2<f64>| (a - b).norm_squared();
+    Some(mean_distance(&pixels(estimate)?, &pixels(truth)?, !model.symmetries.is_trivial(), squared))
+}
+
+/// Mean distance of true points from their estimates, or from the closest estimate of any.
+fn mean_distance<T>(estimated: &[T], truth: &[T], closest: bool, squared: impl Fn(&T, &T) -> f64) -> f64 {
+    let distance = |(index, point): (usize, &T)| {
+        let nearest = if closest {
+            estimated.iter().map(|other| squared(other, point)).fold(f64::INFINITY, f64::min)
+        } else {
+            squared(&estimated[index], point)
+        };
+        nearest.sqrt()
+    };
+    truth.iter().enumerate().map(distance).sum::<f64>() / truth.len() as f64
 }
 
 /// Accuracy over many views.
@@ -55,6 +69,8 @@ pub struct Score {
     pub views: usize,
     /// Share with ADD(-S) below a tenth of the diameter.
     pub add: f64,
+    /// Share with projections within 5 pixels.
+    pub proj5: f64,
     /// Share within 5 degrees and 5 cm.
     pub deg5_cm5: f64,
     pub median_rotation_deg: f64,
@@ -76,6 +92,7 @@ impl Score {
         Self {
             views: errors.len(),
             add: share(&|e| e.add_m < ADD_SHARE_OF_DIAMETER * model.diameter_m),
+            proj5: share(&|e| e.projection_px < 5.0),
             deg5_cm5: share(&|e| e.rotation_deg < 5.0 && e.translation_m < 0.05),
             median_rotation_deg: median(&|e| e.rotation_deg),
             median_translation_m: median(&|e| e.translation_m),
@@ -86,11 +103,19 @@ impl Score {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Symmetries;
     use nalgebra::Rotation3;
 
     fn bar(symmetric: bool) -> ObjectModel {
         let vertices = [-1.0, -0.5, 0.5, 1.0].map(|x| Vector3::new(0.05 * x, 0.0, 0.0)).to_vec();
-        ObjectModel { vertices, diameter_m: 0.1, symmetric }
+        let half_turn = Pose::new(Rotation3::new(Vector3::z() * std::f64::consts::PI), Vector3::zeros());
+        let symmetries =
+            if symmetric { Symmetries::new(&[half_turn], Vec::new()).unwrap() } else { Symmetries::default() };
+        ObjectModel { vertices, diameter_m: 0.1, symmetries }
+    }
+
+    fn error(model: &ObjectModel, estimate: &Pose, truth: &Pose) -> PoseError {
+        PoseError::new(model, &Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap(), estimate, truth)
     }
 
     #[test]
@@ -98,8 +123,8 @@ mod tests {
         let truth = Pose::new(Rotation3::new(Vector3::new(0.3, 0.2, 0.1)), Vector3::new(0.0, 0.1, 0.6));
         for symmetric in [false, true] {
             let model = bar(symmetric);
-            let score = Score::of(&[Some(PoseError::new(&model, &truth, &truth)); 3], &model);
-            assert_eq!((score.add, score.deg5_cm5), (1.0, 1.0));
+            let score = Score::of(&[Some(error(&model, &truth, &truth)); 3], &model);
+            assert_eq!((score.add, score.proj5, score.deg5_cm5), (1.0, 1.0, 1.0));
         }
     }
 
@@ -107,17 +132,20 @@ mod tests {
     fn a_symmetric_turn_is_wrong_only_without_symmetry() {
         let truth = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 0.6));
         let turned = Pose::new(Rotation3::new(Vector3::new(0.0, 0.0, std::f64::consts::PI)), *truth.translation());
-        assert!(add(&bar(false), &turned, &truth) > 0.05);
-        assert!(add(&bar(true), &turned, &truth) < 1e-9);
+        let [wrong, right] = [false, true].map(|symmetric| error(&bar(symmetric), &turned, &truth));
+        assert!(wrong.add_m > 0.05 && wrong.projection_px > 50.0 && wrong.rotation_deg > 179.0);
+        assert!(right.add_m < 1e-9 && right.projection_px < 1e-6 && right.rotation_deg < 1e-6);
     }
 
     #[test]
-    fn a_shift_is_measured_in_metres_and_no_answer_is_wrong() {
+    fn a_shift_is_measured_in_metres_and_pixels_and_no_answer_is_wrong() {
         let truth = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 0.6));
         let shifted = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.009, 0.6));
         let model = bar(false);
-        let error = PoseError::new(&model, &shifted, &truth);
+        let error = error(&model, &shifted, &truth);
         assert!((error.add_m - 0.009).abs() < 1e-12);
-        assert!((Score::of(&[Some(error), None], &model).add - 0.5).abs() < 1e-12);
+        assert!((error.projection_px - 9.0).abs() < 1e-9);
+        let score = Score::of(&[Some(error), None], &model);
+        assert_eq!((score.add, score.proj5, score.deg5_cm5), (0.5, 0.0, 0.5));
     }
 }
