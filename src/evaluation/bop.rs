@@ -7,11 +7,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use thiserror::Error;
 
-use crate::geometry::{Camera, CameraError, Pose, PoseError};
+use crate::geometry::{Camera, CameraError, METRES_PER_MILLIMETRE, Pose, PoseError};
 use crate::model::{ManifestError, read_json};
 use crate::vision::BoundingBox;
-
-pub(super) const METRES_PER_MILLIMETRE: f64 = 1e-3;
 
 /// A scene folder that cannot be read.
 #[derive(Debug, Error)]

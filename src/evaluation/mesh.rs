@@ -9,8 +9,7 @@ use ply_rs_bw::ply::{DefaultElement, Property};
 use serde::Deserialize;
 use thiserror::Error;
 
-use super::bop::METRES_PER_MILLIMETRE;
-use crate::geometry::{BopSymmetries, Symmetries, SymmetryError};
+use crate::geometry::{BopSymmetries, METRES_PER_MILLIMETRE, Symmetries, SymmetryError};
 use crate::model::{ManifestError, read_json};
 
 /// A BOP models folder that cannot be read.

@@ -105,7 +105,8 @@ pub(crate) fn parts(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into(), twist.fixed_rows::<3>(3).into())
 }
 
-fn join(translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Vector6<f64> {
+/// A twist or a step of its translation and its rotation part.
+pub(crate) fn join(translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Vector6<f64> {
     let mut twist = Vector6::zeros();
     twist.fixed_rows_mut::<3>(0).copy_from(translation);
     twist.fixed_rows_mut::<3>(3).copy_from(rotation);

@@ -19,6 +19,7 @@ mod lie;
 mod pose;
 mod symmetry;
 mod triangulation;
+mod whitening;
 
 pub use affine::Affine;
 pub use alignment::{AlignmentError, align};
@@ -28,5 +29,9 @@ pub use pose::{Covariance6, Pose, PoseError, skew};
 pub use symmetry::{BopAxis, BopSymmetries, ContinuousSymmetry, Symmetries, SymmetryError};
 pub use triangulation::{Observation, TriangulatedPoint, TriangulationError, triangulate};
 
-pub(crate) use camera::normalised_by_point;
-pub(crate) use lie::{block_diagonal, covariance_about, parts};
+pub(crate) use camera::{normalised, normalised_by_point};
+pub(crate) use lie::{block_diagonal, covariance_about, join, parts};
+pub(crate) use whitening::whitening_of;
+
+/// BOP files are in millimetres.
+pub(crate) const METRES_PER_MILLIMETRE: f64 = 1e-3;

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::pose::skew;
-use super::{Pose, PoseError};
+use super::{METRES_PER_MILLIMETRE, Pose, PoseError};
 
 /// Larger than every finite group of rotations that an object has in practice (icosahedron: 60), cyclic ones included.
 const MAX_GROUP: usize = 128;
@@ -18,8 +18,6 @@ pub struct ContinuousSymmetry {
     /// A point on the axis, metres.
     pub offset_m: Vector3<f64>,
 }
-
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
 
 /// Symmetries as BOP's `models_info.json` states them, in millimetres; other fields are left alone.
 #[derive(Clone, Debug, Default, Deserialize)]

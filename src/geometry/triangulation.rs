@@ -2,7 +2,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix4, RowVector4, SymmetricEigen, Vector2, V
 use thiserror::Error;
 
 use super::camera::{Camera, ProjectionError};
-use super::{Pose, normalised_by_point};
+use super::{Pose, normalised, normalised_by_point, whitening_of};
 
 /// What one camera saw of a point.
 #[derive(Clone, Debug)]
@@ -102,9 +102,7 @@ impl View {
         }
         let (image, by_pixel) =
             camera.unproject_with_jacobian(pixel).map_err(|source| TriangulationError::Pixel { index, source })?;
-        let whitening = (by_pixel * covariance_px * by_pixel.transpose())
-            .cholesky()
-            .and_then(|factor| factor.l().try_inverse())
+        let whitening = whitening_of(&(by_pixel * covariance_px * by_pixel.transpose()))
             .ok_or(TriangulationError::Covariance { index })?;
         let direction = camera_from_world.rotation().inverse() * image.push(1.0).normalize();
         Ok(Self { camera_from_world: *camera_from_world, image, whitening, direction })
@@ -138,11 +136,8 @@ impl Normal {
         let mut normal = Self { hessian: Matrix3::zeros(), gradient: Vector3::zeros(), chi2: 0.0 };
         for (index, view) in views.iter().enumerate() {
             let in_camera = view.camera_from_world.transform(point);
-            let in_front = in_camera.z > 1e-9;
-            if !in_front {
-                return Err(TriangulationError::BehindCamera { index });
-            }
-            let residual = view.whitening * (in_camera.xy() / in_camera.z - view.image);
+            let seen = normalised(&in_camera).map_err(|_| TriangulationError::BehindCamera { index })?;
+            let residual = view.whitening * (seen - view.image);
             let jacobian =
                 view.whitening * normalised_by_point(&in_camera) * view.camera_from_world.rotation().matrix();
             normal.hessian += jacobian.transpose() * jacobian;

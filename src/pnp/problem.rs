@@ -1,7 +1,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::geometry::{Camera, Pose, ProjectionError};
+use crate::geometry::{Camera, Pose, ProjectionError, normalised, whitening_of};
 
 /// Fewest points that determine a pose and leave something to check it with.
 pub const MIN_POINTS: usize = 4;
@@ -106,25 +106,11 @@ impl Problem {
 impl Observation {
     /// The whitened reprojection residual; `None` where the point is not in front of the camera.
     pub(super) fn residual(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
-        let depth = point_in_camera.z;
-        (depth > 1e-9).then(|| self.whitening * (point_in_camera.xy() / depth - self.image))
+        normalised(point_in_camera).ok().map(|projected| self.whitening * (projected - self.image))
     }
 
     /// Squared Mahalanobis distance of the reprojection; infinite behind the camera.
     pub(super) fn mahalanobis_squared(&self, pose: &Pose) -> f64 {
         self.residual(&pose.transform(&self.point)).map_or(f64::INFINITY, |residual| residual.norm_squared())
     }
-}
-
-/// The inverse of a 2x2 Cholesky factor; `None` unless the matrix is positive definite.
-fn whitening_of(covariance: &Matrix2<f64>) -> Option<Matrix2<f64>> {
-    let first = covariance.m11.sqrt();
-    let across = covariance.m21 / first;
-    let rest = covariance.m22 - across * across;
-    // Not NaN either, and not singular but for rounding.
-    if !(covariance.m11 > 0.0 && rest > 1e-12 * covariance.m22) {
-        return None;
-    }
-    let second = rest.sqrt();
-    Some(Matrix2::new(first.recip(), 0.0, -across / (first * second), second.recip()))
 }

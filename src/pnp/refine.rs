@@ -5,7 +5,7 @@
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3, Vector6};
 
 use super::problem::{MAX_POINTS, Observation, Problem};
-use crate::geometry::{Pose, normalised_by_point, parts};
+use crate::geometry::{Pose, join, normalised_by_point, parts};
 
 const MAX_DAMPING: f64 = 1e6;
 
@@ -98,11 +98,8 @@ impl Refined {
         hessian.fixed_view_mut::<3, 3>(0, 3).copy_from(&blocks[1]);
         hessian.fixed_view_mut::<3, 3>(3, 0).copy_from(&blocks[1].transpose());
         hessian.fixed_view_mut::<3, 3>(3, 3).copy_from(&blocks[2]);
-        let mut stacked = Vector6::zeros();
-        stacked.fixed_rows_mut::<3>(0).copy_from(&gradient[0]);
-        stacked.fixed_rows_mut::<3>(3).copy_from(&gradient[1]);
         let cost = loss.cost(&squares[..problem.observations().len()]);
-        Some(Self { pose, cost, hessian, gradient: stacked })
+        Some(Self { pose, cost, hessian, gradient: join(&gradient[0], &gradient[1]) })
     }
 }
 

@@ -93,11 +93,7 @@ pub fn solve(
 ) -> Result<Solution, PnpError> {
     let problem = Problem::new(points, pixels, covariances_px, camera, options.floor_px)?;
     let modes = find_modes(&problem, options.previous);
-    let mut solution = assemble(&problem, &modes)?;
-    for ((residual, point), pixel) in solution.residuals.iter_mut().zip(points).zip(pixels) {
-        let projected = camera.project(&solution.pose.transform(point));
-        residual.error_px = projected.map_or(Vector2::repeat(f64::INFINITY), |projected| projected - pixel);
-    }
+    let mut solution = assemble(&problem, &modes, pixels, camera)?;
     solution.verdict = judge(&solution, &modes, options);
     Ok(solution)
 }
@@ -209,14 +205,12 @@ fn refine_all(problem: &Problem, candidates: &Ranking<Hypothesis, MAX_CANDIDATES
 fn finish(problem: &Problem, start: Pose) -> Option<Mode> {
     let robust = refine(problem, start, &ROBUST, ROUGH)?;
     let least_squares = refine(problem, robust.pose, &INLIER, EXACT)?;
-    let (pose, hessian) = match inverse(&least_squares) {
-        Some(covariance) => (least_squares, Some(covariance)),
-        // Too few inliers to fix a pose: what there is rests on all points.
-        None => (robust, inverse(&robust)),
-    };
-    let squares = problem.observations().iter().map(|seen| seen.mahalanobis_squared(&pose.pose));
-    let cost = squares.map(|squared| squared.min(INLIER.limit)).sum();
-    Some(Mode { pose: pose.pose, cost, covariance: hessian? })
+    if let Some(covariance) = inverse(&least_squares) {
+        return Some(Mode { pose: least_squares.pose, cost: least_squares.cost, covariance });
+    }
+    // Too few inliers to fix a pose: what there is rests on all points.
+    let covariance = inverse(&robust)?;
+    Some(Mode { pose: robust.pose, cost: Refined::at(problem, robust.pose, &INLIER)?.cost, covariance })
 }
 
 fn inverse(refined: &Refined) -> Option<Covariance6> {
@@ -224,15 +218,17 @@ fn inverse(refined: &Refined) -> Option<Covariance6> {
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-fn assemble(problem: &Problem, modes: &Modes) -> Result<Solution, PnpError> {
+fn assemble(problem: &Problem, modes: &Modes, pixels: &[Vector2<f64>], camera: &Camera) -> Result<Solution, PnpError> {
     let best = modes.best().ok_or(PnpError::NoPose)?;
     let mut residuals = [Residual::default(); MAX_POINTS];
     let mut chi2 = 0.0;
     let mut inliers = 0_usize;
-    for (residual, seen) in residuals.iter_mut().zip(problem.observations()) {
+    for ((residual, seen), pixel) in residuals.iter_mut().zip(problem.observations()).zip(pixels) {
+        let projected = camera.project(&best.pose.transform(&seen.point));
+        let error_px = projected.map_or(Vector2::repeat(f64::INFINITY), |projected| projected - pixel);
         let squared = seen.mahalanobis_squared(&best.pose);
         let inlier = squared < INLIER.limit;
-        *residual = Residual { error_px: Vector2::zeros(), squared, inlier };
+        *residual = Residual { error_px, squared, inlier };
         if inlier {
             inliers += 1;
             chi2 += squared;

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from .bop import DatasetError, View
-from .registration import Component, extents, find_components, triangulate_centre
+from .registration import Component, find_components, locate
 
 MIN_BASELINE_DEG = 5.0
 """Pairs of views closer than this say nothing of depth."""
@@ -103,20 +103,14 @@ def check_cameras(views: list[View]) -> None:
 def describe(component: Component, views: list[View]) -> ComponentReport:
     chosen = [views[index] for index in component.views]
     poses = component.camera_from_component
-    centre = triangulate_centre(chosen, poses)
-    extent = extents(chosen, poses, centre)
-    where = f"{chosen[0].image_path.parent.parent}"
-    if not np.isfinite(extent).all() or extent.min() <= 0:
-        raise DatasetError(
-            f"{where}: the rays through the box centres do not meet in front of the cameras; check that camera poses "
-            "map the scene to the camera (w2c, not c2w), and that boxes are of one object"
-        )
+    centre, extent = locate(chosen, poses)
     size = float(np.median(extent))
     low, high = SIZE_RANGE_M
     if not low < size < high:
         raise DatasetError(
-            f"{where}: the object would measure {size:.3g} m; translations are read as millimetres, so a dataset in "
-            "metres comes out a thousand times too small, and one in micrometres too large"
+            f"{chosen[0].image_path.parent.parent}: the object would measure {size:.3g} m; translations "
+            "are read as millimetres, so a dataset in metres comes out a thousand times too small, and one in "
+            "micrometres too large"
         )
     cameras = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3]) - centre
     directions = cameras / np.linalg.norm(cameras, axis=1, keepdims=True)

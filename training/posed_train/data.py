@@ -15,7 +15,7 @@ from .check import MIN_BASELINE_DEG
 from .config import KeypointConfig
 from .crops import Patch, cut_patch
 from .network import design
-from .registration import Registration, mean_pose, project, register
+from .registration import Registration, angles_deg, mean_pose, project, register
 
 MAX_BACKGROUND_PX = 360
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -138,9 +138,8 @@ class Pairs:
         for component in views.registration.components:
             members = [index for index in component.views if index not in held_out]
             poses = dict(zip(component.views, component.camera_from_component))
-            rotations = np.stack([poses[index][:3, :3] for index in members]) if members else np.zeros((0, 3, 3))
-            cosines = (np.einsum("aij,bij->ab", rotations, rotations) - 1) / 2
-            apart = np.degrees(np.arccos(np.clip(cosines, -1, 1))) > MIN_BASELINE_DEG
+            stacked = np.array([poses[index] for index in members]).reshape(-1, 4, 4)
+            apart = angles_deg(stacked, stacked) > MIN_BASELINE_DEG
             for row, index in enumerate(members):
                 if apart[row].any():
                     others = [(members[column], poses[members[column]]) for column in np.flatnonzero(apart[row])]

@@ -113,6 +113,19 @@ def extents(views: list[View], camera_from_component: np.ndarray, centre: np.nda
     return np.array([max(v.box[2:]) for v in views]) * depth / focal
 
 
+def locate(views: list[View], camera_from_component: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The object's centre `[3]` in the component and how large it is in each view's box `[V]`, metres."""
+    centre = triangulate_centre(views, camera_from_component)
+    extent = extents(views, camera_from_component, centre)
+    if not np.isfinite(extent).all() or extent.min() <= 0:
+        raise DatasetError(
+            f"{views[0].image_path.parent.parent}: the rays through the box centres do not meet in front of the "
+            "cameras; check that camera poses map the scene to the camera (w2c, not c2w), and that boxes are of one "
+            "object"
+        )
+    return centre, extent
+
+
 def register(views: list[View], source: str, seed: int, shape: str = "cube", count: int = 8) -> Registration:
     """Chooses the virtual keypoints of an object and places them in every view of the largest component."""
     components = find_components(views, source)
@@ -120,13 +133,7 @@ def register(views: list[View], source: str, seed: int, shape: str = "cube", cou
     chosen = [views[i] for i in first.views]
     if len(chosen) < 2:
         raise DatasetError("no two images share a component; learning needs pairs with known relative camera poses")
-    centre = triangulate_centre(chosen, first.camera_from_component)
-    extent = extents(chosen, first.camera_from_component, centre)
-    if not extent.min() > 0:
-        raise DatasetError(
-            "the rays through the box centres meet behind a camera; check that the camera poses map the scene to the "
-            "camera (w2c, not c2w) and that translations are in millimetres"
-        )
+    centre, extent = locate(chosen, first.camera_from_component)
     radius = float(np.percentile(extent, RADIUS_PERCENTILE) / 2)
     placement = np.eye(4)
     placement[:3, :3] = random_rotation(seed)
@@ -140,15 +147,23 @@ def register(views: list[View], source: str, seed: int, shape: str = "cube", cou
     return registration
 
 
-def consensus(votes: np.ndarray, rotation_deg: float, distance_m: float) -> tuple[np.ndarray, float]:
-    """The mean `[4, 4]` of the poses that agree with one of them (paper, algorithm 1, with every vote as a hypothesis),
-    and which share of all they are."""
-    cosines = (np.einsum("aij,bij->ab", votes[:, :3, :3], votes[:, :3, :3]) - 1) / 2
-    angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-    distances = np.linalg.norm(votes[:, None, :3, 3] - votes[None, :, :3, 3], axis=-1)
-    agreeing = (angles < rotation_deg) & (distances < distance_m)
-    chosen = votes[agreeing[agreeing.sum(1).argmax()]]
-    return mean_pose(chosen), len(chosen) / len(votes)
+def consensus(votes: np.ndarray, rotation_deg: float, distance_m: float) -> np.ndarray:
+    """The mean `[4, 4]` of the poses that agree with one of them (paper, algorithm 1, with every vote as a
+    hypothesis)."""
+    agreeing = agree(votes, votes, rotation_deg, distance_m)
+    return mean_pose(votes[agreeing[agreeing.sum(1).argmax()]])
+
+
+def angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`[A, B]` degrees between the rotations of poses `[A, 4, 4]` and `[B, 4, 4]`."""
+    cosines = (np.einsum("aij,bij->ab", a[:, :3, :3], b[:, :3, :3]) - 1) / 2
+    return np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+
+
+def agree(a: np.ndarray, b: np.ndarray, rotation_deg: float, distance_m: float) -> np.ndarray:
+    """`[A, B]`: which poses are that close to each other."""
+    distances = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=-1)
+    return (angles_deg(a, b) < rotation_deg) & (distances < distance_m)
 
 
 def mean_pose(poses: np.ndarray) -> np.ndarray:
@@ -176,17 +191,13 @@ def join(registration: Registration, camera_from_keypoints: dict[int, np.ndarray
         ]
         if len(votes) < 2:
             continue
-        mean, _ = consensus(np.stack(votes), JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * registration.size_m)
-        agreeing = sum(agree(vote, mean, registration.size_m) for vote in votes)
+        thresholds = JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * registration.size_m
+        mean = consensus(np.stack(votes), *thresholds)
+        agreeing = agree(np.stack(votes), mean[None], *thresholds).sum()
         if agreeing >= 2 and agreeing / len(component.views) >= JOIN_RATIO:
             registration.place(component, mean)
             joined += 1
     return joined
-
-
-def agree(a: np.ndarray, b: np.ndarray, size_m: float) -> bool:
-    angle = np.degrees(np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1, 1)))
-    return bool(angle < JOIN_ROTATION_DEG and np.linalg.norm(a[:3, 3] - b[:3, 3]) < JOIN_DISTANCE_OF_SIZE * size_m)
 
 
 def project(camera_matrix: np.ndarray, camera_from_points: np.ndarray, points: np.ndarray) -> np.ndarray:

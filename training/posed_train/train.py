@@ -218,4 +218,4 @@ class Validator:
         ]
         if not votes:
             return np.eye(4)
-        return consensus(np.stack(votes), JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * self.registration.size_m)[0]
+        return consensus(np.stack(votes), JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * self.registration.size_m)

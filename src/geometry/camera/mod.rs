@@ -163,7 +163,8 @@ impl Camera {
     }
 }
 
-fn normalised(point_in_camera: &Vector3<f64>) -> Result<Vector2<f64>, ProjectionError> {
+/// The point of the plane z = 1 on the ray of a point in frame `camera`.
+pub(crate) fn normalised(point_in_camera: &Vector3<f64>) -> Result<Vector2<f64>, ProjectionError> {
     let depth = point_in_camera.z;
     if depth > MIN_DEPTH_M {
         Ok(point_in_camera.xy() / depth)
