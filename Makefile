@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp fmt train-env train-test
+.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -35,11 +35,17 @@ lint: $(DENY) ## Formatting, lints, licences and sources of dependencies, as CI 
 advisories: $(DENY) ## Known vulnerabilities of dependencies (fetches the RustSec database).
 	$(DENY) --locked check advisories
 
+openapi: onnxruntime ## Writes docs/openapi.json anew.
+	POSED_UPDATE=1 cargo test --release --locked --test server the_description_is_checked_in
+
 fmt: ## Formats the code.
 	cargo fmt
 
 bench: onnxruntime ## Times the solver and the stages around the networks.
-	cargo bench --locked
+	cargo bench --locked --bench pnp --bench stages
+
+bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
+	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
 
 COMPARE := benches/compare/.venv
 $(COMPARE)/.done: benches/compare/requirements.txt

@@ -7,21 +7,27 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use fast_image_resize::Resizer;
 use nalgebra::{Matrix2, Vector2, Vector3};
-use posed::estimator::{Answer, Detection, Estimate, ObjectPose, Report, SolvedPose, Timings};
+use posed::estimator::{
+    Answer, CallerFrames, Detection, Estimate, ModelsReport, ObjectPose, Report, ReportContext, SolvedKeypoint,
+    SolvedPose, Timings,
+};
 use posed::geometry::{Camera, Covariance6, Pose};
+use posed::model::Provider;
 use posed::pnp::{Options, Verdict, solve};
-use posed::vision::{BoundingBox, ImageLimits, crop_square, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Letterbox, crop_square, decode, letterbox};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
     let bytes = std::fs::read(path).unwrap_or_default();
-    let Ok(image) = decode(&bytes, &ImageLimits::default()) else { return };
+    let Ok(decoded) = decode(&bytes, &DecodeOptions::default()) else { return };
+    let image = decoded.image;
     let mut resizer = Resizer::new();
     let region = BoundingBox { x: 200.0, y: 150.0, width: 110.0, height: 90.0 };
 
-    criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&bytes), &ImageLimits::default())));
+    criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&bytes), &DecodeOptions::default())));
+    let to = Letterbox { width: 320, height: 256, fill: 114, centred: false };
     criterion.bench_function("letterbox for the detector", |b| {
-        b.iter(|| letterbox(&mut resizer, black_box(&image), 320, 256, 114));
+        b.iter(|| letterbox(&mut resizer, black_box(&image), to));
     });
     criterion.bench_function("cut four crops", |b| {
         b.iter(|| {
@@ -39,7 +45,16 @@ fn stages(criterion: &mut Criterion) {
             }
         });
     });
-    criterion.bench_function("write the answer", |b| b.iter(|| serde_json::to_vec(&Report::from(answer(region)))));
+    criterion.bench_function("write the answer", |b| {
+        let (answer, frames) = (answer(region, &camera), CallerFrames::default());
+        let models = ModelsReport {
+            provider: Provider::Cpu,
+            detector: "0".repeat(64),
+            keypoints: std::collections::BTreeMap::new(),
+        };
+        let context = ReportContext { models: &models, frames: &frames, captured_at: None };
+        b.iter(|| serde_json::to_vec(&Report::new(&answer, &context)));
+    });
 }
 
 fn problem() -> (Vec<Vector3<f64>>, Vec<Vector2<f64>>) {
@@ -51,7 +66,7 @@ fn problem() -> (Vec<Vector3<f64>>, Vec<Vector2<f64>>) {
     (points, pixels)
 }
 
-fn answer(bounding_box: BoundingBox) -> Answer {
+fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
     let found = ObjectPose {
         object: "cube".into(),
         verdict: Verdict::default(),
@@ -60,15 +75,26 @@ fn answer(bounding_box: BoundingBox) -> Answer {
             camera_from_object: Pose::identity(),
             covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,
-            inliers: 8,
-            keypoints: 8,
+            keypoints: vec![SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: 1.0, inlier: true }; 8],
             alternatives: Vec::new(),
             weight: 1.0,
+            box_in_camera: [Vector3::zeros(); 8],
         }),
         diameter_m: 0.09,
     };
-    let estimate = Estimate { width: 640, height: 480, poses: vec![found; 4], timings: Timings::default() };
-    Answer { estimate, queued: Duration::ZERO, decode: Duration::ZERO, total: Duration::ZERO }
+    let estimate = Estimate { poses: vec![found; 4], camera: camera.clone(), timings: Timings::default() };
+    Answer {
+        estimate,
+        width: 640,
+        height: 480,
+        exif_orientation: 1,
+        camera_scaled_from: None,
+        image: None,
+        batch_size: 1,
+        queued: Duration::ZERO,
+        decode: Duration::ZERO,
+        total: Duration::ZERO,
+    }
 }
 
 criterion_group!(benches, stages);

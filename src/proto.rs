@@ -2,3 +2,6 @@
 #![allow(clippy::all, clippy::pedantic, missing_docs, unreachable_pub, reason = "generated code")]
 
 tonic::include_proto!("posed.v1");
+
+/// The protocol itself, encoded: for reflection.
+pub const FILE_DESCRIPTOR_SET: &[u8] = tonic::include_file_descriptor_set!("descriptor");

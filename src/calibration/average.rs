@@ -1,15 +1,18 @@
 //! One offset from those of several reference images (paper, appendix "Average Offset Transformation").
 
+use clap::ValueEnum;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rand::rngs::SmallRng;
 use rand::{RngExt as _, SeedableRng as _};
+use serde::Deserialize;
 use thiserror::Error;
 
 use super::Offset;
 use crate::geometry::{Pose, parts};
 
 /// How the offsets of several references become one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, ValueEnum)]
+#[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Algorithm 1 of the paper as printed: random single-sample hypotheses, then the geodesic mean of the rotations and
     /// the arithmetic mean of the translations.

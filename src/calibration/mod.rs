@@ -35,6 +35,13 @@ impl Offset {
         }
     }
 
+    /// Standard deviations over all axes: of the translation (metres) and of the rotation (radians).
+    #[must_use]
+    pub fn sigmas(&self) -> (f64, f64) {
+        let sigma = |first: usize| self.covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
+        (sigma(0), sigma(3))
+    }
+
     /// `camera_from_object` and its covariance, from a solved pose of the keypoints. The errors of both add up.
     #[must_use]
     pub fn apply(&self, camera_from_keypoints: &Pose, covariance: &Covariance6) -> (Pose, Covariance6) {

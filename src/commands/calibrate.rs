@@ -2,146 +2,261 @@ use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args};
+use nalgebra::{SymmetricEigen, Vector2};
+use serde::Deserialize;
 
 use super::ModelArgs;
-use crate::calibration::{Consensus, Mode, Offset, average};
-use crate::estimator::solve_object;
+use crate::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
+use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
 use crate::evaluation::{GroundTruth, read_image};
-use crate::model::{KeypointModel, Method, PoseFile, Reference, ReferenceView, write_atomically};
-use crate::vision::{ImageLimits, decode};
+use crate::geometry::{Camera, Pose};
+use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
+use crate::vision::{BoundingBox, DecodeOptions, decode};
 
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("source").required(true))]
 #[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Calibrate {
     /// Name of the object: its folder in the models folder.
     object: String,
     /// BOP scene folder (with scene_gt.json, scene_gt_info.json, scene_camera.json, rgb/) that holds the reference images.
-    #[arg(long, value_name = "DIR")]
-    scene: PathBuf,
+    #[arg(long, value_name = "DIR", group = "source", requires = "images")]
+    scene: Option<PathBuf>,
     /// A reference image's number in the scene; several make the offset more exact, best from different sides.
-    #[arg(long = "image", value_name = "ID", required = true)]
+    #[arg(long = "image", value_name = "ID", requires = "scene")]
     images: Vec<u32>,
+    /// Reference images with known poses: a JSON list of {image, camera, camera_from_object, box_px}; paths start at the file.
+    #[arg(long, value_name = "FILE.json", group = "source")]
+    references: Option<PathBuf>,
+    /// Two images with a known relative pose and points clicked in both: JSON {image, first_camera, second_camera,
+    /// second_from_first, clicks: [{first_px, second_px}], frame: {origin, on_x, in_xy}, box_px}.
+    #[arg(long, value_name = "FILE.json", group = "source")]
+    clicks: Option<PathBuf>,
     /// How several references become one offset.
     #[arg(long, value_enum, default_value_t)]
-    mode: ModeArg,
+    mode: Mode,
     #[command(flatten)]
     models: ModelArgs,
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum ModeArg {
-    /// Consensus, then every reference weighted by what its image tells.
-    #[default]
-    Weighted,
-    /// Algorithm 1 of the paper: random hypotheses, then the plain mean.
-    Paper,
+/// A reference image with what is known of it.
+struct Known {
+    path: PathBuf,
+    camera: Camera,
+    camera_from_object: Pose,
+    region: BoundingBox,
 }
 
-impl From<ModeArg> for Mode {
-    fn from(mode: ModeArg) -> Self {
-        match mode {
-            ModeArg::Weighted => Self::Weighted,
-            ModeArg::Paper => Self::Paper,
-        }
-    }
+/// One entry of `--references`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ReferenceImage {
+    image: PathBuf,
+    camera: Camera,
+    camera_from_object: PoseFile,
+    box_px: [f64; 4],
 }
 
-/// A reference with fewer agreeing keypoints would spoil every later answer.
-const MIN_INLIERS: usize = 5;
-
-/// What one reference image gives.
-struct Measured {
-    offset: Offset,
-    view: ReferenceView,
-    bytes: Vec<u8>,
+/// The file of `--clicks`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClicksFile {
+    /// The first image.
+    image: PathBuf,
+    first_camera: Camera,
+    second_camera: Camera,
+    second_from_first: PoseFile,
+    clicks: Vec<ClickEntry>,
+    frame: FrameEntry,
+    #[serde(default = "usual_click_error")]
+    sigma_px: f64,
+    box_px: [f64; 4],
 }
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClickEntry {
+    first_px: [f64; 2],
+    second_px: [f64; 2],
+}
+
+/// Indices of the clicks that span the object's frame.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FrameEntry {
+    origin: usize,
+    on_x: usize,
+    in_xy: usize,
+}
+
+fn usual_click_error() -> f64 {
+    1.0
+}
+
+/// An axis this many times less exact than the best one deserves a view from the side.
+const WEAK_AXIS: f64 = 3.0;
 
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let paths = self.models.paths();
-        let mut model = KeypointModel::load_uncalibrated(&paths, &self.object, &self.models.runtime()?)?;
-        let mut measured = Vec::with_capacity(self.images.len());
-        for &image in &self.images {
-            measured.push(self.measure(&mut model, image).map_err(|error| format!("image {image}: {error}"))?);
+        let model = ObjectModel::load(&self.models.models, &self.object)?;
+        let known = self.known(&model)?;
+        let mut solver = KeypointSolver::new(&model, &self.models.runtime()?)?;
+        let several = known.len() > 1;
+        let mut views = Vec::with_capacity(known.len());
+        let mut files = Vec::with_capacity(known.len());
+        for (index, known) in known.iter().enumerate() {
+            let name = known.path.display();
+            let bytes = fs::read(&known.path).map_err(|error| format!("{name}: {error}"))?;
+            let file = self.file_name(&known.path, index, several);
+            views.push(measure(&mut solver, known, &bytes, file.clone()).map_err(|error| format!("{name}: {error}"))?);
+            files.push((file, bytes));
         }
-        let mode = Mode::from(self.mode);
-        let offsets: Vec<_> = measured.iter().map(|m| m.offset.clone()).collect();
-        let averaged = average(&offsets, mode, &Consensus::default())?;
-        let mut views = Vec::with_capacity(measured.len());
-        println!("{:<16} {:>6} {:>13} {:>14}", "reference", "inlier", "rotation, deg", "translation, mm");
-        for (Measured { mut view, bytes, .. }, residual) in measured.into_iter().zip(&averaged.residuals) {
-            view.inlier = residual.inlier;
-            view.residual_deg = residual.rotation_rad.to_degrees();
-            view.residual_mm = 1e3 * residual.translation_m;
-            println!("{:<16} {:>6} {:>13.2} {:>14.1}", view.image, view.inlier, view.residual_deg, view.residual_mm);
-            // The images first: a reference must never name an image that is not there.
-            write_atomically(&paths.reference.join(&view.image), &bytes)?;
-            views.push(view);
-        }
-        let reference = Reference {
-            object: self.object.clone(),
-            keypoint_model_sha256: model.manifest.model_sha256.clone(),
-            method: Method::of(views.len(), mode),
-            views,
-            offset: averaged.offset,
-        };
-        let path = paths.reference.join(format!("{}.json", self.object));
-        reference.write(&path)?;
-        let covariance = reference.offset.covariance;
-        println!(
-            "{}: offset known to {:.1} mm and {:.2} deg (1 sigma)",
-            path.display(),
-            1e3 * covariance.fixed_view::<3, 3>(0, 0).trace().sqrt(),
-            covariance.fixed_view::<3, 3>(3, 3).trace().sqrt().to_degrees(),
-        );
+        let reference = calibrate(&model, views, self.mode)?;
+        print(&reference);
+        References::write(&self.models.reference, &reference, &files)?;
+        println!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
         Ok(())
     }
 
-    fn measure(&self, model: &mut KeypointModel, image: u32) -> Result<Measured, Box<dyn Error>> {
-        let (image_path, camera, objects) = read_image(&self.scene, image)?;
-        let truth = self.find(&objects, model.manifest.obj_id)?;
-        let bytes = fs::read(&image_path)?;
-        let pixels = decode(&bytes, &ImageLimits::default())?;
-        let camera = camera.with_size(pixels.width(), pixels.height())?;
-        let solution = solve_object(model, &pixels, &truth.bounding_box, &camera)??;
-        if solution.inlier_count() < MIN_INLIERS {
-            return Err(format!(
-                "only {} of {} keypoints agree in this image; choose one that shows the object larger and unoccluded",
-                solution.inlier_count(),
-                solution.residuals().len()
-            )
-            .into());
+    fn known(&self, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {
+        if let Some(scene) = &self.scene {
+            let of_scene =
+                |image: &u32| from_scene(scene, *image, model).map_err(|e| format!("image {image}: {e}").into());
+            self.images.iter().map(of_scene).collect()
+        } else if let Some(path) = &self.references {
+            let entries: Vec<ReferenceImage> = read_json(path)?;
+            entries.iter().map(|entry| entry.known(path)).collect()
+        } else if let Some(path) = &self.clicks {
+            let file: ClicksFile = read_json(path)?;
+            Ok(vec![file.known(path).map_err(|error| format!("{}: {error}", path.display()))?])
+        } else {
+            Err("no references: give --scene, --references or --clicks".into())
         }
-        let region = truth.bounding_box;
-        let view = ReferenceView {
-            image: self.image_name(&image_path, image),
-            camera,
-            camera_from_object: PoseFile::from(&truth.camera_from_object),
-            box_px: [region.x, region.y, region.width, region.height],
-            inlier: true,
-            residual_deg: 0.0,
-            residual_mm: 0.0,
-        };
-        let offset = Offset::measure(&truth.camera_from_object, &solution.pose, &solution.covariance);
-        Ok(Measured { offset, view, bytes })
     }
 
-    /// `<object>.jpg`, or `<object>-<image>.jpg` of several.
-    fn image_name(&self, path: &Path, image: u32) -> String {
+    /// `<object>.jpg`, or `<object>-<index>.jpg` of several.
+    fn file_name(&self, path: &Path, index: usize, several: bool) -> String {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("jpg");
-        let number = if self.images.len() > 1 { format!("-{image}") } else { String::new() };
+        let number = if several { format!("-{index}") } else { String::new() };
         format!("{}{number}.{extension}", self.object)
     }
+}
 
-    fn find<'a>(&self, objects: &'a [GroundTruth], obj_id: u32) -> Result<&'a GroundTruth, String> {
-        let mut matching = objects.iter().filter(|truth| truth.obj_id == obj_id);
-        let object = format!("object {obj_id} ({})", self.object);
-        match (matching.next(), matching.next()) {
-            (Some(truth), None) if truth.bounding_box.extent() >= 16.0 => Ok(truth),
-            (Some(_), None) => Err(format!("{object} is not visible")),
-            (Some(_), Some(_)) => Err(format!("{object} is there more than once")),
-            (None, _) => Err(format!("{object} is not there")),
-        }
+fn measure(
+    solver: &mut KeypointSolver<'_>,
+    known: &Known,
+    bytes: &[u8],
+    file: String,
+) -> Result<MeasuredView, Box<dyn Error>> {
+    let image = decode(bytes, &DecodeOptions::default())?.image;
+    let camera = known.camera.for_image(image.width(), image.height())?;
+    let solution = solver.solve(&image, &known.region, &camera)??;
+    let camera = camera.with_size(image.width(), image.height())?;
+    Ok(MeasuredView { file, camera, camera_from_object: known.camera_from_object, region: known.region, solution })
+}
+
+fn print(reference: &Reference) {
+    println!("{:<20} {:>6} {:>13} {:>14}", "reference", "inlier", "rotation, deg", "translation, mm");
+    for view in &reference.views {
+        println!("{:<20} {:>6} {:>13.2} {:>14.1}", view.image, view.inlier, view.residual_deg, view.residual_mm);
     }
+    let inliers: Vec<_> = reference.views.iter().filter(|view| view.inlier).collect();
+    if inliers.len() > 1 {
+        let rms = |squares: f64| (squares / inliers.len() as f64).sqrt();
+        println!(
+            "spread (RMS of the inliers): {:.2} deg, {:.1} mm",
+            rms(inliers.iter().map(|view| view.residual_deg.powi(2)).sum()),
+            rms(inliers.iter().map(|view| view.residual_mm.powi(2)).sum()),
+        );
+    }
+    let (translation_m, rotation_rad) = reference.offset.sigmas();
+    println!("offset known to {:.1} mm and {:.2} deg (1 sigma)", 1e3 * translation_m, rotation_rad.to_degrees());
+    print_weak_axis(&reference.offset);
+}
+
+/// A single view knows its own depth least: only a view from the side helps.
+fn print_weak_axis(offset: &Offset) {
+    let eigen = SymmetricEigen::new(offset.covariance.fixed_view::<3, 3>(0, 0).into_owned());
+    let sigmas = eigen.eigenvalues.map(|variance| 1e3 * variance.max(0.0).sqrt());
+    let (weakest, best) = (sigmas.imax(), sigmas.min());
+    if sigmas[weakest] > WEAK_AXIS * best {
+        let axis = eigen.eigenvectors.column(weakest);
+        println!(
+            "weakest along ({:.2}, {:.2}, {:.2}) of the object's frame: {:.1} mm, against {best:.1} mm at best; add a view \
+             from the side, looking across that direction",
+            axis[0], axis[1], axis[2], sigmas[weakest]
+        );
+    }
+}
+
+impl ReferenceImage {
+    fn known(&self, file: &Path) -> Result<Known, Box<dyn Error>> {
+        let name = self.image.display();
+        let camera_from_object =
+            Pose::try_from(&self.camera_from_object).map_err(|error| format!("{name}: {error}"))?;
+        Ok(Known {
+            path: beside(file, &self.image),
+            camera: self.camera.clone(),
+            camera_from_object,
+            region: region(self.box_px),
+        })
+    }
+}
+
+impl ClicksFile {
+    fn known(&self, file: &Path) -> Result<Known, Box<dyn Error>> {
+        let clicks: Vec<Click> = self
+            .clicks
+            .iter()
+            .map(|click| Click { first_px: Vector2::from(click.first_px), second_px: Vector2::from(click.second_px) })
+            .collect();
+        let pair = ClickedPair {
+            first_camera: &self.first_camera,
+            second_camera: &self.second_camera,
+            second_from_first: Pose::try_from(&self.second_from_first)?,
+            clicks: &clicks,
+            sigma_px: self.sigma_px,
+        };
+        let FrameEntry { origin, on_x, in_xy } = self.frame;
+        let reference = reference_from_clicks(&pair, FrameClicks { origin, on_x, in_xy })?;
+        println!("{:<6} {:>10} {:>10} {:>8} {:>9}", "click", "first, px", "second, px", "ray, mm", "sigma, mm");
+        for (index, residual) in reference.residuals.iter().enumerate() {
+            println!(
+                "{index:<6} {:>10.2} {:>10.2} {:>8.2} {:>9.2}",
+                residual.first_px, residual.second_px, residual.ray_mm, residual.sigma_mm
+            );
+        }
+        Ok(Known {
+            path: beside(file, &self.image),
+            camera: self.first_camera.clone(),
+            camera_from_object: reference.camera_from_object,
+            region: region(self.box_px),
+        })
+    }
+}
+
+fn from_scene(scene: &Path, image: u32, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
+    let (path, camera, objects) = read_image(scene, image)?;
+    let truth = find(&objects, model)?;
+    Ok(Known { path, camera, camera_from_object: truth.camera_from_object, region: truth.bounding_box })
+}
+
+fn find<'a>(objects: &'a [GroundTruth], model: &ObjectModel) -> Result<&'a GroundTruth, String> {
+    let (obj_id, name) = (model.manifest.obj_id, &model.manifest.name);
+    let mut matching = objects.iter().filter(|truth| truth.obj_id == obj_id);
+    match (matching.next(), matching.next()) {
+        (Some(truth), None) if truth.bounding_box.extent() >= 16.0 => Ok(truth),
+        (Some(_), None) => Err(format!("object {obj_id} ({name}) is not visible")),
+        (Some(_), Some(_)) => Err(format!("object {obj_id} ({name}) is there more than once")),
+        (None, _) => Err(format!("object {obj_id} ({name}) is not there")),
+    }
+}
+
+fn beside(file: &Path, image: &Path) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(image)
+}
+
+fn region([x, y, width, height]: [f64; 4]) -> BoundingBox {
+    BoundingBox { x, y, width, height }
 }

@@ -1,30 +1,34 @@
 use std::error::Error;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use image::ImageFormat;
 
 use super::ModelArgs;
-use crate::estimator::{Answer, Estimator, ObjectPose, Report};
+use crate::estimator::{Answer, CallerFrames, Estimator, Report, ReportContext};
 use crate::geometry::Camera;
-use crate::model::{Store, read_json, write_atomically};
-use crate::pnp::Status;
-use crate::vision::{ImageLimits, Mark, decode, draw_marks, encode_png};
+use crate::model::{read_json, write_atomically};
+use crate::vision::{DecodeOptions, Decoded, OrientationPolicy, decode, encode};
 
 #[derive(Args, Debug)]
 pub(super) struct Estimate {
-    /// JPEG, PNG or WebP image.
-    image: PathBuf,
-    /// Camera that took the image (`*.camera.json`).
+    /// JPEG, PNG or WebP images.
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// Camera that took the images (`*.camera.json`).
     #[arg(long)]
     camera: PathBuf,
-    /// Print the whole answer as JSON instead of a table.
+    /// Print the whole answers as JSON instead of tables; one line for each of several images.
     #[arg(long)]
     json: bool,
-    /// Write the image with boxes and axes drawn into it.
+    /// Write the image with boxes and axes drawn into it; of several images, into this folder.
     #[arg(long, value_name = "OUT.png")]
     overlay: Option<PathBuf>,
+    /// What to do with an image that asks to be turned.
+    #[arg(long, value_enum, default_value_t)]
+    exif_orientation: OrientationPolicy,
     #[command(flatten)]
     models: ModelArgs,
 }
@@ -32,52 +36,75 @@ pub(super) struct Estimate {
 impl Estimate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let camera: Camera = read_json(&self.camera)?;
-        let bytes = fs::read(&self.image).map_err(|error| format!("cannot read {}: {error}", self.image.display()))?;
-        let store = Store::load(&self.models.paths(), &self.models.runtime()?)?;
-        let mut estimator = Estimator::new(store);
-        let start = Instant::now();
-        let mut image =
-            decode(&bytes, &ImageLimits::default()).map_err(|error| format!("{}: {error}", self.image.display()))?;
-        let decode = start.elapsed();
-        let estimate = estimator.estimate(&image, &camera)?;
-        let answer = Answer { estimate, queued: Duration::ZERO, decode, total: start.elapsed() };
-        if let Some(path) = &self.overlay {
-            let marks: Vec<Mark> = answer.estimate.poses.iter().map(mark).collect();
-            draw_marks(&mut image, &camera, &marks);
-            write_atomically(path, &encode_png(&image)?)
-                .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        }
-        let report = Report::from(answer);
-        if self.json {
-            println!("{}", serde_json::to_string_pretty(&report)?);
-        } else {
-            print_table(&report);
+        let (mut estimator, models) = self.models.estimator()?;
+        let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
+        for path in &self.images {
+            let mut answer = estimate(&mut estimator, path, &camera, &options)
+                .map_err(|error| format!("{}: {error}", path.display()))?;
+            if let (Some(out), Some(mut image)) = (self.overlay_path(path), answer.image.take()) {
+                answer.estimate.draw(&mut image);
+                write_atomically(&out, &encode(&image, ImageFormat::Png)?)
+                    .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
+            }
+            let frames = CallerFrames::default();
+            let report = Report::new(&answer, &ReportContext { models: &models, frames: &frames, captured_at: None });
+            if !self.json {
+                print_table(path, &report);
+            } else if self.images.len() > 1 {
+                println!("{}", serde_json::to_string(&report)?);
+            } else {
+                println!("{}", serde_json::to_string_pretty(&report)?);
+            }
         }
         Ok(())
     }
-}
 
-fn mark(found: &ObjectPose) -> Mark {
-    Mark {
-        bounding_box: found.detection.bounding_box,
-        box_colour: match found.verdict.status {
-            Status::Ok => [60, 220, 90],
-            Status::Ambiguous => [250, 200, 40],
-            Status::LowConfidence => [250, 130, 30],
-            Status::Rejected => [230, 40, 40],
-        },
-        camera_from_object: found.pose.as_ref().map(|solved| solved.camera_from_object),
-        axis_length_m: 0.5 * found.diameter_m,
+    fn overlay_path(&self, image: &Path) -> Option<PathBuf> {
+        let out = self.overlay.as_ref()?;
+        if self.images.len() == 1 {
+            return Some(out.clone());
+        }
+        Some(out.join(image.file_stem()?).with_extension("png"))
     }
 }
 
-fn print_table(report: &Report) {
-    println!("{:<12} {:<15} {:>6}  {:>26}  {:>9}", "object", "status", "score", "translation x y z (m)", "rmse (px)");
+fn estimate(
+    estimator: &mut Estimator,
+    path: &Path,
+    camera: &Camera,
+    options: &DecodeOptions,
+) -> Result<Answer, Box<dyn Error>> {
+    let bytes = fs::read(path)?;
+    let start = Instant::now();
+    let Decoded { image, exif_orientation } = decode(&bytes, options)?;
+    let decode = start.elapsed();
+    let estimate = estimator.estimate(&image, camera)?;
+    let (width, height) = image.dimensions();
+    Ok(Answer {
+        estimate,
+        width,
+        height,
+        exif_orientation,
+        camera_scaled_from: camera.size().filter(|size| *size != (width, height)),
+        image: Some(image),
+        batch_size: 1,
+        queued: Duration::ZERO,
+        decode,
+        total: start.elapsed(),
+    })
+}
+
+fn print_table(path: &Path, report: &Report) {
+    println!("{}", path.display());
+    println!(
+        "  {:<12} {:<15} {:>10}  {:>26}  {:>9}",
+        "object", "status", "confidence", "translation x y z (m)", "rmse (px)"
+    );
     for pose in &report.poses {
         let (translation, rmse) = pose.solved.as_ref().map_or_else(Default::default, |solved| {
             let [x, y, z] = solved.camera_from_object.translation_m;
             (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.2}", solved.reprojection_rmse_px))
         });
-        println!("{:<12} {:<15} {:>6.2}  {translation:>26}  {rmse:>9}", pose.object, pose.status, pose.detection.score);
+        println!("  {:<12} {:<15} {:>10.2}  {translation:>26}  {rmse:>9}", pose.object, pose.status, pose.confidence);
     }
 }

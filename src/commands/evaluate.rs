@@ -4,13 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use image::RgbImage;
+use indicatif::ProgressBar;
 
 use super::ModelArgs;
-use crate::estimator::{Estimator, ObjectPose, solve_object};
-use crate::evaluation::{GroundTruth, ObjectModel, PoseError, Score, image_ids, read_image, scenes};
+use crate::calibration::Offset;
+use crate::estimator::{Estimator, KeypointSolver, ObjectPose};
+use crate::evaluation::{GroundTruth, ObjectModel as Mesh, PoseError, Score, image_ids, read_image, scenes};
 use crate::geometry::{Camera, Pose};
-use crate::model::{KeypointModel, Store};
-use crate::vision::{BoundingBox, ImageLimits, decode};
+use crate::model::{ObjectModel, References};
+use crate::vision::{BoundingBox, DecodeOptions, decode};
 
 /// Intersection over union with the true box from which on a detection is of this object.
 const SAME_PLACE_OVERLAP: f64 = 0.5;
@@ -41,7 +43,6 @@ pub(super) struct Evaluate {
 
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let (paths, runtime) = (self.models.paths(), self.models.runtime()?);
         let boxes = if self.detector { "The detector's boxes" } else { "Ground-truth boxes" };
         let (split, least, most) = (self.split.display(), self.min_visible, self.max_visible);
         println!("{boxes} of {split}, visible fraction {least} to {most}\n");
@@ -49,11 +50,24 @@ impl Evaluate {
             "| object | views | ADD(-S) % | Proj-5 % | 5°5cm % | rotation, median (deg) | translation, median (mm) |"
         );
         println!("|---|---|---|---|---|---|---|");
-        let mut estimator = if self.detector { Some(Estimator::new(Store::load(&paths, &runtime)?)) } else { None };
+        let mut estimator = if self.detector { Some(self.models.estimator()?.0) } else { None };
+        let runtime = self.models.runtime()?;
         for name in &self.objects {
-            let mut model = KeypointModel::load(&paths, name, &runtime)?;
-            let mesh = ObjectModel::read(&self.meshes, model.manifest.obj_id)?;
-            let errors = self.errors(&mut model, estimator.as_mut(), &mesh)?;
+            let model = ObjectModel::load(&self.models.models, name)?;
+            let mesh = Mesh::read(&self.meshes, model.manifest.obj_id)?;
+            let errors = match &mut estimator {
+                Some(estimator) => {
+                    self.errors(&model, &mesh, |image, camera, truth| detected(estimator, image, camera, name, truth))?
+                }
+                None => {
+                    let reference = References::read(&self.models.reference, &model)?;
+                    let reference = reference.ok_or_else(|| format!("{name} is not calibrated"))?;
+                    let mut solver = KeypointSolver::new(&model, &runtime)?;
+                    self.errors(&model, &mesh, |image, camera, truth| {
+                        within_box(&mut solver, &reference.offset, image, camera, &truth.bounding_box)
+                    })?
+                }
+            };
             let score = Score::of(&errors, &mesh);
             println!(
                 "| {name} | {} | {:.1} | {:.1} | {:.1} | {:.2} | {:.1} |",
@@ -68,26 +82,25 @@ impl Evaluate {
         Ok(())
     }
 
+    /// The error of what `estimate` says of each view that shows enough of the object; `None` where it says nothing.
     fn errors(
         &self,
-        model: &mut KeypointModel,
-        mut estimator: Option<&mut Estimator>,
-        mesh: &ObjectModel,
+        model: &ObjectModel,
+        mesh: &Mesh,
+        mut estimate: impl FnMut(&RgbImage, &Camera, &GroundTruth) -> Result<Option<Pose>, Box<dyn Error>>,
     ) -> Result<Vec<Option<PoseError>>, Box<dyn Error>> {
         let obj_id = model.manifest.obj_id;
         let visible = self.min_visible..=self.max_visible;
         let mut errors = Vec::new();
-        for scene in scenes(&self.split)? {
-            for image_id in image_ids(&scene)? {
-                let (path, camera, objects) = read_image(&scene, image_id)?;
+        let scenes = scenes(&self.split)?;
+        let progress = ProgressBar::new(scenes.len() as u64).with_message(model.manifest.name.clone());
+        for scene in progress.wrap_iter(scenes.iter()) {
+            for image_id in image_ids(scene)? {
+                let (path, camera, objects) = read_image(scene, image_id)?;
                 for truth in objects.iter().filter(|o| o.obj_id == obj_id && visible.contains(&o.visible_fraction)) {
-                    let image = decode(&fs::read(&path)?, &ImageLimits::default())?;
-                    let estimate = match &mut estimator {
-                        Some(estimator) => detected(estimator, &image, &camera, &model.manifest.name, truth)?,
-                        None => within_box(model, &image, &camera, &truth.bounding_box)?,
-                    };
+                    let image = decode(&fs::read(&path)?, &DecodeOptions::default())?.image;
                     let error = |pose: Pose| PoseError::new(mesh, &camera, &pose, &truth.camera_from_object);
-                    errors.push(estimate.map(error));
+                    errors.push(estimate(&image, &camera, truth)?.map(error));
                 }
             }
         }
@@ -100,15 +113,13 @@ impl Evaluate {
 
 /// The pose within a given box.
 fn within_box(
-    model: &mut KeypointModel,
+    solver: &mut KeypointSolver<'_>,
+    offset: &Offset,
     image: &RgbImage,
     camera: &Camera,
     region: &BoundingBox,
 ) -> Result<Option<Pose>, Box<dyn Error>> {
-    let name = &model.manifest.name;
-    let offset = model.reference.as_ref().map(|reference| reference.offset.clone());
-    let offset = offset.ok_or_else(|| format!("{name} is not calibrated"))?;
-    let solved = solve_object(model, image, region, camera)?;
+    let solved = solver.solve(image, region, camera)?;
     Ok(solved.ok().map(|solution| offset.apply(&solution.pose, &solution.covariance).0))
 }
 

@@ -1,18 +1,26 @@
 //! One file for each sub-command.
 
 mod calibrate;
+mod check;
+mod completions;
 mod estimate;
 mod evaluate;
+mod healthcheck;
 mod serve;
 
 use std::error::Error;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::model::{Runtime, RuntimeError, StorePaths};
+use crate::estimator::{Estimator, ModelsReport};
+use crate::model::{Backend as _, Library, LoadError, Provider, References, Runtime, RuntimeError};
+use crate::server::{LogFormat, init_logs};
 
 /// Answers an RGB image with the 6D poses of known rigid objects.
+///
+/// Exit codes: 0 done; 1 failed, with one line on stderr that says why; 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(name = "posed", version)]
 pub struct Cli {
@@ -24,12 +32,18 @@ pub struct Cli {
 enum Command {
     /// Serve poses over HTTP and gRPC.
     Serve(serve::Serve),
-    /// Estimate poses in one image, without a server.
+    /// Estimate poses in images, without a server.
     Estimate(estimate::Estimate),
-    /// Measure an object's offset on a reference image with a known pose.
+    /// Measure an object's offset on reference images.
     Calibrate(calibrate::Calibrate),
-    /// Score objects on a BOP dataset with ground-truth boxes.
+    /// Load everything, estimate the samples, compare with their known poses.
+    Check(check::Check),
+    /// Score objects on a BOP dataset.
     Evaluate(evaluate::Evaluate),
+    /// Ask a running server whether it is ready: for containers without a shell.
+    Healthcheck(healthcheck::Healthcheck),
+    /// Print a completion script for a shell.
+    Completions(completions::Completions),
 }
 
 /// Where models lie and how they run.
@@ -41,19 +55,27 @@ struct ModelArgs {
     /// Folder with `<object>.json` for each calibrated object.
     #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
     reference: PathBuf,
+    /// What the networks run on.
+    #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
+    provider: Provider,
     /// Threads that a network runs on [default: the cores this process may use].
     #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
 }
 
 impl ModelArgs {
-    fn paths(&self) -> StorePaths {
-        StorePaths { models: self.models.clone(), reference: self.reference.clone() }
-    }
-
     fn runtime(&self) -> Result<Runtime, RuntimeError> {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
-        Runtime::load(self.threads.map_or_else(available, usize::from))
+        Runtime::load(self.provider, self.threads.map_or_else(available, usize::from))
+    }
+
+    /// The whole pipeline, with the names of its networks.
+    fn estimator(&self) -> Result<(Estimator, ModelsReport), LoadError> {
+        let library = Arc::new(Library::load(&self.models)?);
+        let references = Arc::new(References::load(&self.reference, &library)?);
+        let runtime = self.runtime()?;
+        let models = ModelsReport::new(&library, runtime.provider());
+        Ok((Estimator::new(library, references, &runtime)?, models))
     }
 }
 
@@ -63,11 +85,18 @@ impl Cli {
     /// # Errors
     /// Whatever stopped it, in words for its user.
     pub fn run(self) -> Result<(), Box<dyn Error>> {
+        if !matches!(self.command, Command::Serve(_)) {
+            // A server's logs are part of its settings.
+            init_logs("warn,ort=error", LogFormat::Pretty)?;
+        }
         match self.command {
             Command::Serve(command) => command.run(),
             Command::Estimate(command) => command.run(),
             Command::Calibrate(command) => command.run(),
+            Command::Check(command) => command.run(),
             Command::Evaluate(command) => command.run(),
+            Command::Healthcheck(command) => command.run(),
+            Command::Completions(command) => command.run(),
         }
     }
 }

@@ -1,11 +1,28 @@
 //! From an image to poses, and the bounded queue in front of it. Knows nothing of HTTP or gRPC.
 
+mod answer;
+mod calibrate;
+mod detect;
+mod gates;
+mod job;
+mod keypoints;
+mod picture;
 mod pipeline;
 mod queue;
 mod report;
+mod workers;
 
-pub use pipeline::{
-    Detection, Estimate, EstimateError, Estimator, KeypointPrediction, ObjectPose, SolvedPose, Timings, solve_object,
+pub use answer::{
+    Abandoned, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection,
+    SolvedKeypoint, SolvedPose, Timings,
 };
-pub use queue::{Answer, Job, Queue, QueueError, Work};
-pub use report::{PoseReport, Report};
+pub use calibrate::{CalibrateError, MeasuredView, calibrate};
+pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
+pub use keypoints::KeypointSolver;
+pub use pipeline::{Estimator, Frame};
+pub use queue::{Queue, QueueConfig, QueueStats};
+pub use report::{
+    AlternativeReport, CallerFrames, DetectionReport, ImageReport, KeypointReport, ModelsReport, PlacedReport,
+    PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
+};
+pub use workers::{StartError, Workers};

@@ -1,112 +1,151 @@
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use thiserror::Error;
-use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-use super::pipeline::{Estimate, EstimateError, Estimator};
+use super::answer::Abandoned;
+use super::job::{Answer, Job, QueueError, ReferenceWork, Solved, Task, Work};
+use super::workers::{self, Workers};
+use super::{Estimator, StartError};
 use crate::geometry::Camera;
-use crate::vision::{DecodeError, ImageLimits, decode};
+use crate::model::RuntimeError;
+use crate::vision::DecodeOptions;
 
-/// One image to estimate poses from.
-pub struct Work {
-    /// Encoded image.
-    pub image: Vec<u8>,
-    pub camera: Camera,
+/// How much may wait, and how it is worked on.
+#[derive(Clone, Copy, Debug)]
+pub struct QueueConfig {
+    /// Images in work or waiting.
+    pub limit: usize,
+    /// Bytes of encoded images in work or waiting.
+    pub limit_bytes: usize,
+    /// Threads that each own a set of networks.
+    pub workers: usize,
+    /// Images worked on together.
+    pub max_batch: usize,
+    /// How long a batch waits for company.
+    pub batch_delay: Duration,
+    pub decode: DecodeOptions,
 }
 
-/// An estimate with what the way to it cost.
-#[derive(Debug)]
-pub struct Answer {
-    pub estimate: Estimate,
-    pub queued: Duration,
-    pub decode: Duration,
-    pub total: Duration,
+/// What has gone through a queue since its start.
+#[derive(Debug, Default)]
+pub struct QueueStats {
+    pub admitted: AtomicU64,
+    pub refused: AtomicU64,
+    /// Given to a worker.
+    pub worked: AtomicU64,
+    pub expired: AtomicU64,
+    pub cancelled: AtomicU64,
+    pub batches: AtomicU64,
+    pub worker_restarts: AtomicU64,
+    /// Workers that can take a batch.
+    pub ready_workers: AtomicUsize,
 }
 
-/// Why there is no estimate.
-#[derive(Debug, Error)]
-pub enum QueueError {
-    #[error("{limit} images are waiting already; try again in a moment")]
-    Full { limit: usize },
-    #[error("the server is shutting down")]
-    Closed,
-    #[error(transparent)]
-    Decode(#[from] DecodeError),
-    #[error(transparent)]
-    Estimate(#[from] EstimateError),
-    #[error("the estimator failed on this image; the fault is logged")]
-    Crashed,
+impl QueueStats {
+    pub(super) fn count_abandoned(&self, why: Abandoned) {
+        match why {
+            Abandoned::Expired => &self.expired,
+            Abandoned::Cancelled => &self.cancelled,
+        }
+        .fetch_add(1, Ordering::Relaxed);
+    }
 }
 
-/// Work on its way to the estimator, with the way back.
-pub struct Job {
-    work: Work,
-    reply: oneshot::Sender<Result<Answer, QueueError>>,
-    arrived: Instant,
-}
-
-/// A bounded queue before the one thread that owns the networks.
-#[derive(Clone)]
+/// A bounded queue before the workers that own the networks.
+#[derive(Clone, Debug)]
 pub struct Queue {
-    sender: mpsc::Sender<Job>,
-    /// Counts jobs from arrival to answer, so that the bound includes the one being worked on.
+    jobs: crossbeam_channel::Sender<Job>,
+    /// Count jobs from arrival to answer, so that the bounds include those being worked on.
     places: Arc<Semaphore>,
-    limit: usize,
+    bytes: Arc<Semaphore>,
+    config: QueueConfig,
+    stats: Arc<QueueStats>,
 }
 
 impl Queue {
-    /// Starts the estimator's thread. It ends once every `Queue` is dropped and the last job is answered.
+    /// Starts the workers, each with an estimator of its own, warmed up. They end once every `Queue` is dropped and the last
+    /// job is answered.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// When the system gives no thread, or an estimator cannot be made.
     pub fn start(
-        estimator: Estimator,
-        limit: usize,
-        image_limits: ImageLimits,
-    ) -> std::io::Result<(Self, JoinHandle<()>)> {
-        let (sender, receiver) = mpsc::channel(limit);
-        let worker = std::thread::Builder::new()
-            .name("estimator".into())
-            .spawn(move || work_through(estimator, receiver, &image_limits))?;
-        Ok((Self { sender, places: Arc::new(Semaphore::new(limit)), limit }, worker))
+        config: QueueConfig,
+        make: impl Fn() -> Result<Estimator, RuntimeError> + Send + Sync + 'static,
+    ) -> Result<(Self, Workers), StartError> {
+        let stats = Arc::new(QueueStats::default());
+        let (jobs, receiver) = crossbeam_channel::bounded(config.limit);
+        let workers = workers::start(config, receiver, Arc::new(make), Arc::clone(&stats))?;
+        let (places, bytes) = (Arc::new(Semaphore::new(config.limit)), Arc::new(Semaphore::new(config.limit_bytes)));
+        Ok((Self { jobs, places, bytes, config, stats }, workers))
     }
 
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.
     ///
     /// # Errors
-    /// [`QueueError::Full`] at once when the queue is full; otherwise what decoding or estimating says.
+    /// [`QueueError::Full`] at once when the queue is full; [`Abandoned::Expired`] at the deadline, whatever the workers do;
+    /// otherwise what decoding or estimating says.
     pub async fn estimate(&self, work: Work) -> Result<Answer, QueueError> {
-        let _place = self.places.try_acquire().map_err(|_| QueueError::Full { limit: self.limit })?;
+        let Work { image, camera, selection, keep_image, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        let job = Job { work, reply, arrived: Instant::now() };
-        self.sender.send(job).await.map_err(|_| QueueError::Closed)?;
-        // The worker drops the reply without an answer only where it panicked.
-        answer.await.unwrap_or(Err(QueueError::Crashed))
+        self.submit(image, camera, deadline, Task::Poses { selection, keep_image, reply })?;
+        self.wait(answer, deadline).await
+    }
+
+    /// Solves an object's keypoints in one reference image.
+    ///
+    /// # Errors
+    /// As [`Queue::estimate`].
+    pub async fn measure(&self, work: ReferenceWork) -> Result<Solved, QueueError> {
+        let ReferenceWork { image, camera, object, region, deadline } = work;
+        let (reply, answer) = oneshot::channel();
+        self.submit(image, camera, deadline, Task::Reference { object, region, reply })?;
+        self.wait(answer, deadline).await
+    }
+
+    #[must_use]
+    pub fn stats(&self) -> &QueueStats {
+        &self.stats
+    }
+
+    /// Images in work or waiting.
+    #[must_use]
+    pub fn depth(&self) -> usize {
+        self.config.limit - self.places.available_permits()
+    }
+
+    fn submit(&self, image: Vec<u8>, camera: Camera, deadline: Instant, task: Task) -> Result<(), QueueError> {
+        let (place, bytes) = self.admit(image.len()).inspect_err(|_| count(&self.stats.refused))?;
+        let job = Job { image, camera, task, deadline, arrived: Instant::now(), _place: place, _bytes: bytes };
+        // Never full: every job holds a place. Closed only when no worker is left.
+        self.jobs.try_send(job).map_err(|_| QueueError::Crashed)?;
+        count(&self.stats.admitted);
+        Ok(())
+    }
+
+    fn admit(&self, size: usize) -> Result<(OwnedSemaphorePermit, OwnedSemaphorePermit), QueueError> {
+        let full = |_| QueueError::Full { limit: self.config.limit };
+        let place = Arc::clone(&self.places).try_acquire_owned().map_err(full)?;
+        let full = QueueError::FullBytes { limit: self.config.limit_bytes };
+        let Ok(size) = u32::try_from(size) else { return Err(full) };
+        let bytes = Arc::clone(&self.bytes).try_acquire_many_owned(size).map_err(|_| full)?;
+        Ok((place, bytes))
+    }
+
+    async fn wait<T>(
+        &self,
+        answer: oneshot::Receiver<Result<T, QueueError>>,
+        deadline: Instant,
+    ) -> Result<T, QueueError> {
+        match tokio::time::timeout_at(deadline.into(), answer).await {
+            // The reply is dropped without an answer only where no worker is left.
+            Ok(answer) => answer.unwrap_or(Err(QueueError::Crashed)),
+            Err(_) => Err(Abandoned::Expired.into()),
+        }
     }
 }
 
-fn work_through(mut estimator: Estimator, mut receiver: mpsc::Receiver<Job>, limits: &ImageLimits) {
-    while let Some(Job { work, reply, arrived }) = receiver.blocking_recv() {
-        if reply.is_closed() {
-            continue; // the caller has gone
-        }
-        let queued = arrived.elapsed();
-        // The networks keep no state between runs, so a panic on one image does not spoil the next.
-        let answer = catch_unwind(AssertUnwindSafe(|| {
-            let start = Instant::now();
-            let image = decode(&work.image, limits)?;
-            let decode = start.elapsed();
-            let estimate = estimator.estimate(&image, &work.camera)?;
-            Ok(Answer { estimate, queued, decode, total: arrived.elapsed() })
-        }));
-        if let Ok(answer) = answer {
-            // A caller that has left meanwhile is no fault.
-            drop(reply.send(answer));
-        } else {
-            tracing::error!("estimating panicked; the image is answered with an error");
-        }
-    }
+pub(super) fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
 }

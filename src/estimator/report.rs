@@ -1,74 +1,154 @@
+//! An answer in the form that leaves the program as JSON.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
 use serde::Serialize;
+use utoipa::ToSchema;
 
-use super::pipeline::{ObjectPose, SolvedPose};
-use super::queue::Answer;
-use crate::geometry::{Covariance6, Pose};
-use crate::pnp::{Reasons, Status};
+use super::answer::{ObjectPose, SolvedKeypoint, SolvedPose};
+use super::job::Answer;
+use crate::geometry::{Covariance6, Pose, block_diagonal};
+use crate::model::{Library, Provider};
+use crate::pnp::{Reason, Reasons, Status};
 
-/// An answer in the form that leaves the program as JSON.
-#[derive(Debug, Serialize)]
-pub struct Report {
-    /// Axes of every pose: OpenCV's optical frame.
-    pub frame: &'static str,
-    pub units: &'static str,
-    pub image: ImageReport,
-    pub poses: Vec<PoseReport>,
-    pub timings_ms: TimingsReport,
+/// What an answer says beside its poses.
+#[derive(Clone, Copy, Debug)]
+pub struct ReportContext<'a> {
+    pub models: &'a ModelsReport,
+    /// Frames that the caller wants the poses in, beside the camera's.
+    pub frames: &'a CallerFrames,
+    /// The caller's own mark of the image.
+    pub captured_at: Option<&'a str>,
 }
 
-#[derive(Debug, Serialize)]
+/// Frames of the caller that the camera's pose is known in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CallerFrames {
+    pub world_from_camera: Option<Pose>,
+    pub base_from_camera: Option<Pose>,
+}
+
+/// The 6D poses of the objects in one image.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Report {
+    /// Axes of every pose: OpenCV's optical frame.
+    #[schema(example = "camera: x right, y down, z forward (OpenCV)")]
+    pub frame: &'static str,
+    #[schema(example = "metres, radians, pixels")]
+    pub units: &'static str,
+    /// As it was given with the request.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub captured_at: Option<String>,
+    pub image: ImageReport,
+    /// The most trusted first.
+    pub poses: Vec<PoseReport>,
+    pub timings_ms: TimingsReport,
+    pub models: ModelsReport,
+}
+
+/// The image as it was read.
+#[derive(Debug, Serialize, ToSchema)]
 pub struct ImageReport {
     pub width: u32,
     pub height: u32,
+    /// EXIF orientation that the file states, where it is not 1 ("as stored"): applied or ignored as the server is set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exif_orientation: Option<u8>,
+    /// Width and height that the camera was calibrated for, where its parameters were scaled to this image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_scaled_from: Option<[u32; 2]>,
 }
 
 /// One detected object. Fields of the pose are absent when no pose could be solved.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct PoseReport {
     pub object: String,
     pub status: Status,
+    /// Why the status is not `ok`.
+    #[schema(value_type = Vec<Reason>)]
     pub reasons: Reasons,
+    /// The weakest of detection score, share of agreeing keypoints, and weight among the alternatives; 0 where rejected.
+    pub confidence: f64,
     pub detection: DetectionReport,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub solved: Option<SolvedReport>,
 }
 
-#[derive(Debug, Serialize)]
+/// What the detector saw.
+#[derive(Debug, Serialize, ToSchema)]
 pub struct DetectionReport {
     /// Box of the visible part: x, y, width, height in pixels.
     pub box_px: [f64; 4],
+    /// 0..1.
     pub score: f64,
 }
 
-#[derive(Debug, Serialize)]
+/// A solved pose with what speaks for it.
+#[derive(Debug, Serialize, ToSchema)]
 pub struct SolvedReport {
     pub camera_from_object: TransformReport,
-    /// Row-major; x, y, z (m²), rotation about x, y, z (rad²), along the axes of the camera frame.
+    /// 6x6, row-major; x, y, z (m²), rotation about x, y, z (rad²), along the axes of the camera frame, as in ROS
+    /// `geometry_msgs/PoseWithCovariance`.
     pub covariance: [[f64; 6]; 6],
+    /// Present where the request gave `world_from_camera`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub world_from_object: Option<PlacedReport>,
+    /// Present where the request gave `base_from_camera`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_from_object: Option<PlacedReport>,
+    /// Root mean square distance of the agreeing keypoints from their projections.
     pub reprojection_rmse_px: f64,
+    /// Number of keypoints that the pose rests on.
     pub inliers: usize,
-    pub keypoints: usize,
+    pub keypoints: Vec<KeypointReport>,
     /// Posterior weight among the alternatives, 0..1.
     pub weight: f64,
+    /// Other poses that explain the image.
     pub alternatives: Vec<AlternativeReport>,
 }
 
-#[derive(Debug, Serialize)]
+/// One keypoint as the network sees it.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct KeypointReport {
+    /// u, v in pixels of the posted image.
+    pub pixel: [f64; 2],
+    /// Distance from the pose's projection.
+    pub residual_px: f64,
+    /// Probability mass about the keypoint, 0..1.
+    pub peak: f64,
+    /// Whether the pose rests on it.
+    pub inlier: bool,
+}
+
+/// Another pose that explains the image.
+#[derive(Debug, Serialize, ToSchema)]
 pub struct AlternativeReport {
     pub camera_from_object: TransformReport,
     pub weight: f64,
 }
 
 /// A transform in both common forms.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct TransformReport {
+    /// Unit, w >= 0.
     pub rotation_xyzw: [f64; 4],
     pub translation_m: [f64; 3],
     /// Homogeneous, row-major.
     pub matrix: [[f64; 4]; 4],
 }
 
-#[derive(Debug, Serialize)]
+/// A pose in a frame of the caller.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct PlacedReport {
+    #[serde(flatten)]
+    pub transform: TransformReport,
+    /// Along the axes of the caller's frame. The caller's own transform counts as exact.
+    pub covariance: [[f64; 6]; 6],
+}
+
+/// Milliseconds spent in each stage. Images that were worked on together share the time of the keypoint nets.
+#[derive(Debug, Serialize, ToSchema)]
 pub struct TimingsReport {
     pub queue: f64,
     pub decode: f64,
@@ -76,59 +156,123 @@ pub struct TimingsReport {
     pub keypoints: f64,
     pub pose: f64,
     pub total: f64,
+    /// Images that were worked on together.
+    pub batch_size: usize,
 }
 
-impl From<Answer> for Report {
-    fn from(answer: Answer) -> Self {
-        let Answer { estimate, queued, decode, total } = answer;
-        let milliseconds = |duration: std::time::Duration| round(duration.as_secs_f64() * 1e3);
+/// Which networks answered, and what they ran on.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct ModelsReport {
+    #[schema(value_type = String, example = "cpu")]
+    pub provider: Provider,
+    /// SHA-256 of the detector's file.
+    pub detector: String,
+    /// SHA-256 of each object's keypoint net.
+    pub keypoints: BTreeMap<String, String>,
+}
+
+impl ModelsReport {
+    #[must_use]
+    pub fn new(library: &Library, provider: Provider) -> Self {
+        let of_object = |object: &crate::model::KeypointManifest| (object.name.clone(), object.model_sha256.clone());
         Self {
-            frame: "camera: x right, y down, z forward (OpenCV)",
-            units: "metres, radians, pixels",
-            image: ImageReport { width: estimate.width, height: estimate.height },
-            poses: estimate.poses.into_iter().map(PoseReport::from).collect(),
-            timings_ms: TimingsReport {
-                queue: milliseconds(queued),
-                decode: milliseconds(decode),
-                detect: milliseconds(estimate.timings.detect),
-                keypoints: milliseconds(estimate.timings.keypoints),
-                pose: milliseconds(estimate.timings.pose),
-                total: milliseconds(total),
-            },
+            provider,
+            detector: library.detector.manifest.model_sha256.clone(),
+            keypoints: library.known().map(|object| of_object(&object.manifest)).collect(),
         }
     }
 }
 
-impl From<ObjectPose> for PoseReport {
-    fn from(found: ObjectPose) -> Self {
+impl Report {
+    #[must_use]
+    pub fn new(answer: &Answer, context: &ReportContext<'_>) -> Self {
+        let milliseconds = |duration: Duration| round(duration.as_secs_f64() * 1e3);
+        let timings = &answer.estimate.timings;
+        Self {
+            frame: "camera: x right, y down, z forward (OpenCV)",
+            units: "metres, radians, pixels",
+            captured_at: context.captured_at.map(ToOwned::to_owned),
+            image: ImageReport {
+                width: answer.width,
+                height: answer.height,
+                exif_orientation: Some(answer.exif_orientation).filter(|orientation| *orientation != 1),
+                camera_scaled_from: answer.camera_scaled_from.map(|(width, height)| [width, height]),
+            },
+            poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),
+            timings_ms: TimingsReport {
+                queue: milliseconds(answer.queued),
+                decode: milliseconds(answer.decode),
+                detect: milliseconds(timings.detect),
+                keypoints: milliseconds(timings.keypoints),
+                pose: milliseconds(timings.pose),
+                total: milliseconds(answer.total),
+                batch_size: answer.batch_size,
+            },
+            models: context.models.clone(),
+        }
+    }
+}
+
+impl PoseReport {
+    fn new(found: &ObjectPose, frames: &CallerFrames) -> Self {
         let region = found.detection.bounding_box;
         Self {
-            object: found.object,
+            object: found.object.clone(),
             status: found.verdict.status,
             reasons: found.verdict.reasons,
+            confidence: round(found.confidence()),
             detection: DetectionReport {
                 box_px: [region.x, region.y, region.width, region.height].map(round),
                 score: round(found.detection.score),
             },
-            solved: found.pose.map(SolvedReport::from),
+            solved: found.pose.as_ref().map(|solved| SolvedReport::new(solved, frames)),
         }
     }
 }
 
-impl From<SolvedPose> for SolvedReport {
-    fn from(solved: SolvedPose) -> Self {
+impl SolvedReport {
+    fn new(solved: &SolvedPose, frames: &CallerFrames) -> Self {
+        let placed = |frame: &Pose| PlacedReport::new(&solved.in_frame(frame));
         Self {
             camera_from_object: (&solved.camera_from_object).into(),
             covariance: rows(&solved.covariance),
+            world_from_object: frames.world_from_camera.as_ref().map(placed),
+            base_from_object: frames.base_from_camera.as_ref().map(placed),
             reprojection_rmse_px: round(solved.reprojection_rmse_px),
-            inliers: solved.inliers,
-            keypoints: solved.keypoints,
+            inliers: solved.inlier_count(),
+            keypoints: solved.keypoints.iter().map(KeypointReport::from).collect(),
             weight: round(solved.weight),
             alternatives: solved
                 .alternatives
                 .iter()
                 .map(|(pose, weight)| AlternativeReport { camera_from_object: pose.into(), weight: round(*weight) })
                 .collect(),
+        }
+    }
+}
+
+impl SolvedPose {
+    /// The pose and its covariance in another frame, given the camera's pose there.
+    #[must_use]
+    pub fn in_frame(&self, frame_from_camera: &Pose) -> (Pose, Covariance6) {
+        let turn = block_diagonal(frame_from_camera.rotation().matrix());
+        (*frame_from_camera * self.camera_from_object, turn * self.covariance * turn.transpose())
+    }
+}
+
+impl PlacedReport {
+    fn new((pose, covariance): &(Pose, Covariance6)) -> Self {
+        Self { transform: pose.into(), covariance: rows(covariance) }
+    }
+}
+
+impl From<&SolvedKeypoint> for KeypointReport {
+    fn from(keypoint: &SolvedKeypoint) -> Self {
+        Self {
+            pixel: [keypoint.pixel.x, keypoint.pixel.y].map(round),
+            residual_px: round(keypoint.residual_px),
+            peak: round(keypoint.peak),
+            inlier: keypoint.inlier,
         }
     }
 }

@@ -23,7 +23,7 @@ mod whitening;
 
 pub use affine::Affine;
 pub use alignment::{AlignmentError, align};
-pub use camera::{Camera, CameraError, ProjectionError};
+pub use camera::{Camera, CameraError, CameraFile, CameraModel, ProjectionError};
 pub use epipolar::{epipolar_error, sampson_distance};
 pub use pose::{Covariance6, Pose, PoseError, skew};
 pub use symmetry::{BopAxis, BopSymmetries, ContinuousSymmetry, Symmetries, SymmetryError};

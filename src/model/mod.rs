@@ -1,13 +1,20 @@
-//! Model folders, reference files and the runtime that runs the networks. Everything read here is untrusted.
+//! Model folders, references, and the runtime of the networks.
 
+mod library;
 mod manifest;
+mod network;
 mod reference;
+mod references;
 mod runtime;
-mod store;
 
+pub use library::{DetectorModel, Library, LoadError, ObjectModel};
 pub(crate) use manifest::read_json;
-pub use manifest::{DetectorManifest, KeypointManifest, ManifestError};
+pub use manifest::{
+    DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest, KeypointOutput,
+    Layout, ManifestError, Normalisation, Placement,
+};
+pub use network::{Backend, Input, Network, Networks, Output, Outputs, RuntimeError};
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
-pub use runtime::{Network, Runtime, RuntimeError, Tensor};
-pub use store::{Detector, KeypointModel, LoadError, Store, StorePaths};
+pub use references::References;
+pub use runtime::{Provider, Runtime};

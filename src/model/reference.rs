@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use utoipa::ToSchema;
 
 use super::manifest::{ManifestError, read_json};
 use crate::calibration::{Mode, Offset};
@@ -51,8 +52,9 @@ pub struct ReferenceView {
     pub residual_mm: f64,
 }
 
-/// A pose as JSON.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+/// A pose as JSON: the unit quaternion x, y, z, w and metres.
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
+#[schema(as = Pose)]
 #[serde(deny_unknown_fields)]
 pub struct PoseFile {
     pub rotation_xyzw: [f64; 4],

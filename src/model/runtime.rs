@@ -1,56 +1,52 @@
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use ort::environment::Environment;
+use ort::ep;
 use ort::session::Session;
-use ort::value::TensorRef;
-use thiserror::Error;
+use ort::value::{DynValue, TensorRef};
+use serde::{Deserialize, Serialize};
 
-/// ONNX Runtime cannot be loaded, or a network cannot be loaded or run.
-#[derive(Debug, Error)]
-pub enum RuntimeError {
-    #[error(
-        "no ONNX Runtime library found; `make onnxruntime` puts it into .onnxruntime/, or set ORT_DYLIB_PATH to \
-         libonnxruntime.so (looked at: {})", looked_at.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
-    )]
-    LibraryMissing { looked_at: Vec<PathBuf> },
-    #[error("{} is not a usable ONNX Runtime library (1.24 or newer is needed): {reason}", path.display())]
-    Library { path: PathBuf, reason: String },
-    #[error("{name}: ONNX Runtime cannot load this network: {reason}")]
-    Load { name: String, reason: String },
-    #[error("{name}: the network failed: {reason}")]
-    Run { name: String, reason: String },
-    #[error("{name}: output '{output}' {problem}")]
-    Output { name: String, output: &'static str, problem: String },
+use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError};
+
+/// What runs the networks.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Provider {
+    #[default]
+    Cpu,
+    Cuda,
+    Tensorrt,
+    Openvino,
+}
+
+impl std::fmt::Display for Provider {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.pad(match self {
+            Self::Cpu => "cpu",
+            Self::Cuda => "cuda",
+            Self::Tensorrt => "tensorrt",
+            Self::Openvino => "openvino",
+        })
+    }
 }
 
 /// The loaded ONNX Runtime.
 pub struct Runtime {
     environment: Environment,
+    provider: Provider,
     threads: usize,
-}
-
-/// A float tensor that a network returned.
-#[derive(Clone, Debug)]
-pub struct Tensor {
-    pub shape: Vec<usize>,
-    pub values: Vec<f32>,
-}
-
-/// A network that takes one batch of 8-bit RGB images and returns named float tensors.
-pub struct Network {
-    name: String,
-    session: Session,
 }
 
 const LIBRARY: &str = "libonnxruntime.so";
 
 impl Runtime {
     /// Loads ONNX Runtime from `ORT_DYLIB_PATH`, else beside the executable, else from `.onnxruntime/` of the working
-    /// directory. Networks run on `threads` threads.
+    /// directory. Each network runs on `threads` threads of its own.
     ///
     /// # Errors
     /// When no library is found there, or it is not ONNX Runtime.
-    pub fn load(threads: usize) -> Result<Self, RuntimeError> {
+    pub fn load(provider: Provider, threads: usize) -> Result<Self, RuntimeError> {
         let path = find_library()?;
         let unusable = |reason: String| RuntimeError::Library { path: path.clone(), reason };
         let environment = ort::init_from(&path)
@@ -58,59 +54,78 @@ impl Runtime {
             .with_telemetry(false)
             .build()
             .map_err(|error| unusable(error.to_string()))?;
-        Ok(Self { environment, threads })
+        Ok(Self { environment, provider, threads })
     }
 
-    /// Loads a network from its bytes. `name` appears in error messages.
-    ///
-    /// # Errors
-    /// When the bytes are not a network that ONNX Runtime can run.
-    pub fn network(&self, name: &str, bytes: &[u8]) -> Result<Network, RuntimeError> {
-        let session = (|| {
-            Session::builder(&self.environment)?
-                .with_intra_threads(self.threads)?
-                // A spinning pool burns a core between requests.
-                .with_intra_op_spinning(false)?
-                .commit_from_memory(bytes)
-        })()
-        .map_err(|error: ort::Error| RuntimeError::Load { name: name.into(), reason: error.to_string() })?;
-        Ok(Network { name: name.into(), session })
+    fn session(&self, bytes: &[u8]) -> ort::Result<Session> {
+        // Without `error_on_failure` ONNX Runtime would go on with the CPU and say nothing.
+        let providers = match self.provider {
+            Provider::Cpu => Vec::new(),
+            Provider::Cuda => vec![ep::CUDA::default().build().error_on_failure()],
+            Provider::Tensorrt => vec![ep::TensorRT::default().build().error_on_failure()],
+            Provider::Openvino => vec![ep::OpenVINO::default().build().error_on_failure()],
+        };
+        Ok(Session::builder(&self.environment)?
+            .with_execution_providers(providers)?
+            .with_intra_threads(self.threads)?
+            // A spinning pool burns a core between requests.
+            .with_intra_op_spinning(false)?
+            .commit_from_memory(bytes)?)
     }
 }
 
-impl Network {
-    /// Runs the network on `[batch, height, width, 3]` and returns the outputs asked for, in that order.
-    ///
-    /// # Errors
-    /// When the network fails, lacks an output, or returns a value that is not a finite float.
-    pub fn run<const N: usize>(
-        &mut self,
-        rgb: &[u8],
-        shape: [usize; 4],
-        outputs: [&'static str; N],
-    ) -> Result<[Tensor; N], RuntimeError> {
-        let failed = |error: ort::Error| RuntimeError::Run { name: self.name.clone(), reason: error.to_string() };
-        let input = TensorRef::from_array_view((shape, rgb)).map_err(failed)?;
-        let results = self.session.run(ort::inputs![input]).map_err(failed)?;
-        let mut tensors = Vec::with_capacity(N);
-        for output in outputs {
-            let problem = |problem: String| RuntimeError::Output { name: self.name.clone(), output, problem };
-            let value = results.get(output).ok_or_else(|| problem("is missing".into()))?;
-            let (dimensions, values) =
-                value.try_extract_tensor::<f32>().map_err(|error| problem(format!("is no float tensor: {error}")))?;
-            if !values.iter().all(|v| v.is_finite()) {
-                return Err(problem("has a value that is not finite".into()));
-            }
-            let shape = dimensions.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
-            tensors.push(Tensor { shape, values: values.to_vec() });
-        }
-        tensors.try_into().map_err(|_| RuntimeError::Run { name: self.name.clone(), reason: "output count".into() })
+impl Backend for Runtime {
+    fn load(&self, name: &str, bytes: &[u8]) -> Result<Box<dyn Network>, RuntimeError> {
+        let session = self.session(bytes).map_err(|error| RuntimeError::Load {
+            name: name.into(),
+            provider: self.provider,
+            reason: error.to_string(),
+        })?;
+        Ok(Box::new(OnnxNetwork { name: name.into(), session }))
     }
 
-    /// An error about an output of this network.
-    #[must_use]
-    pub fn output_error(&self, output: &'static str, problem: String) -> RuntimeError {
-        RuntimeError::Output { name: self.name.clone(), output, problem }
+    fn provider(&self) -> Provider {
+        self.provider
+    }
+}
+
+struct OnnxNetwork {
+    name: String,
+    session: Session,
+}
+
+impl Network for OnnxNetwork {
+    fn run(&mut self, input: Input<'_>) -> Result<Outputs, RuntimeError> {
+        let failed = |error: ort::Error| RuntimeError::Run { name: self.name.clone(), reason: error.to_string() };
+        let input: ort::session::SessionInputValue<'_> = match input {
+            Input::Bytes { shape, values } => TensorRef::from_array_view((shape, values)).map_err(failed)?.into(),
+            Input::Floats { shape, values } => TensorRef::from_array_view((shape, values)).map_err(failed)?.into(),
+        };
+        let results = self.session.run(ort::inputs![input]).map_err(failed)?;
+        let mut tensors = Vec::with_capacity(results.len());
+        for (name, value) in &results {
+            let problem =
+                |problem: String| RuntimeError::Output { name: self.name.clone(), output: name.to_owned(), problem };
+            let (shape, values) = floats(&value).map_err(problem)?;
+            tensors.push(Output { name: name.to_owned(), shape, values });
+        }
+        Ok(Outputs { network: self.name.clone(), tensors })
+    }
+}
+
+/// Class indices come as 64-bit integers from some exporters.
+#[expect(clippy::cast_precision_loss, reason = "class indices")]
+fn floats(value: &DynValue) -> Result<(Vec<usize>, Vec<f32>), String> {
+    let sides = |shape: &ort::value::Shape| shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
+    if let Ok((shape, values)) = value.try_extract_tensor::<f32>() {
+        if !values.iter().all(|v| v.is_finite()) {
+            return Err("has a value that is not finite".into());
+        }
+        return Ok((sides(shape), values.to_vec()));
+    }
+    match value.try_extract_tensor::<i64>() {
+        Ok((shape, values)) => Ok((sides(shape), values.iter().map(|v| *v as f32).collect())),
+        Err(_) => Err("is neither a tensor of 32-bit floats nor of 64-bit integers".into()),
     }
 }
 

@@ -1,11 +1,12 @@
 use nalgebra::Vector2;
 use serde::{Serialize, Serializer};
+use utoipa::ToSchema;
 
 use super::problem::MAX_POINTS;
 use crate::geometry::{Covariance6, Pose};
 
 /// How far a pose can be trusted, the most trusted first: of two judgements the greater one holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The evidence agrees with the pose and with no other.
@@ -30,7 +31,7 @@ impl std::fmt::Display for Status {
 }
 
 /// Why a status is not `ok`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// Too few keypoints agree with the pose.

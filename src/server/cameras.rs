@@ -46,6 +46,10 @@ impl Cameras {
         self.by_id.get(id)
     }
 
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, &Camera)> {
+        self.by_id.iter().map(|(id, camera)| (id.as_str(), camera))
+    }
+
     pub fn ids(&self) -> impl Iterator<Item = &str> {
         self.by_id.keys().map(String::as_str)
     }

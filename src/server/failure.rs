@@ -2,7 +2,7 @@ use axum::http::StatusCode;
 use tonic::Code;
 
 use super::Cameras;
-use crate::estimator::{EstimateError, QueueError};
+use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
 use crate::geometry::CameraError;
 use crate::vision::DecodeError;
 
@@ -21,8 +21,14 @@ pub(super) enum FailureKind {
     UnsupportedFormat,
     TooLarge,
     UnknownCamera,
+    UnknownObject,
+    NotCalibrated,
+    Unmeasurable,
+    Forbidden,
     NotFound,
+    MethodNotAllowed,
     QueueFull,
+    TimedOut,
     ShuttingDown,
     Internal,
 }
@@ -35,7 +41,13 @@ impl FailureKind {
             Self::UnsupportedFormat => "unsupported_format",
             Self::TooLarge => "too_large",
             Self::UnknownCamera => "unknown_camera",
+            Self::UnknownObject => "unknown_object",
+            Self::NotCalibrated => "not_calibrated",
+            Self::Unmeasurable => "unmeasurable",
+            Self::Forbidden => "forbidden",
             Self::NotFound => "not_found",
+            Self::MethodNotAllowed => "method_not_allowed",
+            Self::TimedOut => "timed_out",
             Self::QueueFull => "queue_full",
             Self::ShuttingDown => "shutting_down",
             Self::Internal => "internal",
@@ -47,7 +59,12 @@ impl FailureKind {
             Self::InvalidRequest | Self::InvalidImage => StatusCode::BAD_REQUEST,
             Self::UnsupportedFormat => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-            Self::UnknownCamera | Self::NotFound => StatusCode::NOT_FOUND,
+            Self::UnknownCamera | Self::UnknownObject | Self::NotFound => StatusCode::NOT_FOUND,
+            Self::NotCalibrated => StatusCode::CONFLICT,
+            Self::Unmeasurable => StatusCode::UNPROCESSABLE_ENTITY,
+            Self::Forbidden => StatusCode::FORBIDDEN,
+            Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+            Self::TimedOut => StatusCode::GATEWAY_TIMEOUT,
             Self::QueueFull => StatusCode::TOO_MANY_REQUESTS,
             Self::ShuttingDown => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
@@ -58,7 +75,11 @@ impl FailureKind {
         match self {
             Self::InvalidRequest | Self::InvalidImage | Self::UnsupportedFormat => Code::InvalidArgument,
             Self::TooLarge | Self::QueueFull => Code::ResourceExhausted,
-            Self::UnknownCamera | Self::NotFound => Code::NotFound,
+            Self::UnknownCamera | Self::UnknownObject | Self::NotFound => Code::NotFound,
+            Self::NotCalibrated | Self::Unmeasurable => Code::FailedPrecondition,
+            Self::Forbidden => Code::PermissionDenied,
+            Self::MethodNotAllowed => Code::Unimplemented,
+            Self::TimedOut => Code::DeadlineExceeded,
             Self::ShuttingDown => Code::Unavailable,
             Self::Internal => Code::Internal,
         }
@@ -89,20 +110,18 @@ impl From<CameraError> for Failure {
 impl From<QueueError> for Failure {
     fn from(error: QueueError) -> Self {
         let kind = match &error {
-            QueueError::Full { .. } => FailureKind::QueueFull,
+            QueueError::Full { .. } | QueueError::FullBytes { .. } => FailureKind::QueueFull,
             QueueError::Closed => FailureKind::ShuttingDown,
-            QueueError::Decode(decode) => match decode {
-                DecodeError::UnknownFormat => FailureKind::UnsupportedFormat,
-                DecodeError::TooLarge { .. } => FailureKind::TooLarge,
-                DecodeError::Empty
-                | DecodeError::TooSmall { .. }
-                | DecodeError::Truncated
-                | DecodeError::Orientation(_)
-                | DecodeError::Damaged(_) => FailureKind::InvalidImage,
-            },
-            QueueError::Estimate(estimate) => match estimate {
-                EstimateError::Camera(_) => FailureKind::InvalidRequest,
-                EstimateError::Runtime(_) | EstimateError::Resample(_) => FailureKind::Internal,
+            QueueError::Abandoned(_) => FailureKind::TimedOut,
+            QueueError::Decode(decode) => of_decode(decode),
+            QueueError::Estimate(estimate) => of_estimate(estimate),
+            QueueError::Measure(measure) => match measure {
+                MeasureError::Estimate(estimate) => of_estimate(estimate),
+                MeasureError::UnknownObject(_) => FailureKind::UnknownObject,
+                MeasureError::Solve(_)
+                | MeasureError::NotSeen
+                | MeasureError::SeveralSeen
+                | MeasureError::FewInliers { .. } => FailureKind::Unmeasurable,
             },
             QueueError::Crashed => FailureKind::Internal,
         };
@@ -110,5 +129,31 @@ impl From<QueueError> for Failure {
             tracing::error!(%error, "an image could not be estimated");
         }
         Self::new(kind, error.to_string())
+    }
+}
+
+fn of_decode(error: &DecodeError) -> FailureKind {
+    match error {
+        DecodeError::UnknownFormat => FailureKind::UnsupportedFormat,
+        DecodeError::TooLarge { .. } => FailureKind::TooLarge,
+        DecodeError::Empty
+        | DecodeError::TooSmall { .. }
+        | DecodeError::Truncated
+        | DecodeError::Orientation(_)
+        | DecodeError::Damaged(_) => FailureKind::InvalidImage,
+    }
+}
+
+fn of_estimate(error: &EstimateError) -> FailureKind {
+    match error {
+        EstimateError::Camera(_) => FailureKind::InvalidRequest,
+        EstimateError::Abandoned(_) => FailureKind::TimedOut,
+        EstimateError::Runtime(_) | EstimateError::Resample(_) => FailureKind::Internal,
+    }
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        Self::new(FailureKind::Unmeasurable, error.to_string())
     }
 }

@@ -1,25 +1,70 @@
-//! HTTP and gRPC in front of the estimator's queue. Both are thin: translate, call, translate back.
+//! HTTP and gRPC, both thin: they translate a request, ask the queue, and translate the answer.
 
+mod admin;
 mod cameras;
 mod failure;
 mod grpc;
 mod http;
+mod metrics;
+mod request;
 mod run;
+mod settings;
+mod telemetry;
 
 pub use cameras::{CameraError, Cameras};
-pub use run::{Config, ServeError, run};
+pub use http::openapi;
+pub use run::{ServeError, run};
+pub use settings::{Config, DEFAULT_SETTINGS, LogFormat, Settings, SettingsError};
+pub use telemetry::{LogControl, init_logs};
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
-use crate::estimator::Queue;
+use crate::estimator::{Answer, ModelsReport, Queue, Work};
+use crate::model::{Library, References};
+use failure::Failure;
+use metrics::Metrics;
+use request::Options;
 
 /// What every handler needs.
-#[derive(Clone)]
-struct App {
+type App = Arc<Shared>;
+
+struct Shared {
     queue: Queue,
-    cameras: Arc<Cameras>,
-    max_body_bytes: usize,
-    /// False from the moment a shutdown is asked for.
-    ready: Arc<AtomicBool>,
+    library: Arc<Library>,
+    references: Arc<References>,
+    cameras: Cameras,
+    models: ModelsReport,
+    config: Config,
+    metrics: Metrics,
+    /// One recalibration at a time: two of one object would mix their images.
+    recalibrating: tokio::sync::Mutex<()>,
+}
+
+impl Shared {
+    /// Poses from one encoded image.
+    async fn estimate(
+        &self,
+        image: Vec<u8>,
+        options: &Options,
+        deadline: Instant,
+        keep_image: bool,
+    ) -> Result<Answer, Failure> {
+        let Options { camera, selection, .. } = options;
+        let work = Work { image, camera: camera.clone(), selection: selection.clone(), keep_image, deadline };
+        let answer = self.queue.estimate(work).await?;
+        self.metrics.answer(&answer);
+        Ok(answer)
+    }
+
+    /// When a request's time is over: what it asks for, within the limit.
+    fn deadline(&self, asked: Option<Duration>) -> Instant {
+        let longest = Duration::from_millis(self.config.max_timeout_ms);
+        let usual = Duration::from_millis(self.config.timeout_ms);
+        Instant::now() + asked.map_or(usual, |asked| asked.min(longest))
+    }
+
+    fn is_calibrated(&self, object: &str) -> bool {
+        self.references.get(object).is_some()
+    }
 }

@@ -1,26 +1,20 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tonic::transport::server::TcpIncoming;
 
+use super::admin::{self, Admin};
 use super::grpc::PoseServiceServer;
-use super::{App, Cameras, grpc, http};
-use crate::estimator::Queue;
-
-/// Where and how to serve.
-#[derive(Clone, Debug)]
-pub struct Config {
-    pub http: SocketAddr,
-    pub grpc: SocketAddr,
-    pub max_body_bytes: usize,
-    /// After a shutdown signal, accepted requests have this long to finish.
-    pub drain: Duration,
-}
+use super::metrics::Metrics;
+use super::telemetry::LogControl;
+use super::{App, CameraError, Cameras, Config, Shared, grpc, http};
+use crate::estimator::{Estimator, ModelsReport, Queue, StartError, Workers};
+use crate::model::{Backend, Library, LoadError, References, Runtime};
+use crate::proto;
 
 #[derive(Debug, Error)]
 pub enum ServeError {
@@ -28,61 +22,137 @@ pub enum ServeError {
     Bind { protocol: &'static str, address: SocketAddr, source: std::io::Error },
     #[error("cannot wait for signals: {0}")]
     Signal(std::io::Error),
-    #[error("the HTTP server failed: {0}")]
-    Http(std::io::Error),
-    #[error("the gRPC server failed: {0}")]
-    Grpc(tonic::transport::Error),
+    #[error(transparent)]
+    Cameras(#[from] CameraError),
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    #[error(transparent)]
+    Start(#[from] StartError),
+    #[error("loading the models panicked")]
+    Panicked,
+    #[error("the reflection service cannot be built: {0}")]
+    Reflection(#[from] tonic_reflection::server::Error),
+    #[error("the {protocol} server failed: {reason}")]
+    Server { protocol: &'static str, reason: String },
 }
 
-/// Serves until SIGTERM or SIGINT, then finishes what was accepted. A second signal ends at once.
+/// How often the gRPC health service is told what the probes know.
+const HEALTH_INTERVAL: Duration = Duration::from_millis(500);
+
+/// Loads the models and serves them until SIGTERM or SIGINT, then finishes what was accepted. A second signal ends at once.
 ///
 /// # Errors
-/// When a port cannot be bound or a server fails.
-pub async fn run(config: Config, queue: Queue, cameras: Cameras) -> Result<(), ServeError> {
-    let app = App {
-        queue,
-        cameras: Arc::new(cameras),
-        max_body_bytes: config.max_body_bytes,
-        ready: Arc::new(AtomicBool::new(true)),
-    };
+/// When a port cannot be bound, a model cannot be loaded, or a server fails.
+pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
+    let start = Instant::now();
+    let mut signals = Signals::new().map_err(ServeError::Signal)?;
+    let drain = Duration::from_secs(config.drain_seconds);
+    // Every port before the models: one in use is known at once, and probes are answered while the models load.
+    let admin_listener = bind("admin", config.admin).await?;
     let http_listener = bind("http", config.http).await?;
     let grpc_listener = bind("grpc", config.grpc).await?;
-    let mut signals = Signals::new().map_err(ServeError::Signal)?;
+    let admin = Admin::new(logs);
     let (stop, stopping) = watch::channel(false);
+    let admin_server = axum::serve(admin_listener, admin::router(admin.clone())).into_future();
+    // Ends with the program: probes are answered until then.
+    tokio::spawn(admin_server);
 
-    let router = http::router(app.clone());
-    let http_server = axum::serve(http_listener, router).with_graceful_shutdown(stopped(stopping.clone()));
-    let http_server = tokio::spawn(async move { http_server.await.map_err(ServeError::Http) });
-    let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<PoseServiceServer<grpc::Service>>().await;
-    let grpc_server = tonic::transport::Server::builder()
-        .add_service(health_service)
-        .add_service(grpc::service(app.clone()))
-        .serve_with_incoming_shutdown(TcpIncoming::from(grpc_listener), stopped(stopping));
-    let grpc_server = tokio::spawn(async move { grpc_server.await.map_err(ServeError::Grpc) });
+    let loading = tokio::task::spawn_blocking(move || load(config));
+    let (app, workers) = tokio::select! {
+        loaded = loading => loaded.map_err(|_| ServeError::Panicked)??,
+        () = signals.next() => return Ok(()),
+    };
+    let http = axum::serve(http_listener, http::router(app.clone())).with_graceful_shutdown(stopped(stopping.clone()));
+    let http = tokio::spawn(async move { http.await.map_err(|error| failed("HTTP", &error)) });
+    let grpc = serve_grpc(&app, &admin, grpc_listener, stopping)?;
+    admin.set_ready(app);
+    tracing::info!("ready after {:.1} s", start.elapsed().as_secs_f64());
 
-    let servers = async { tokio::join!(http_server, grpc_server) };
+    let servers = async { tokio::try_join!(flat(http), flat(grpc)) };
     tokio::pin!(servers);
     tokio::select! {
         // Without a signal a server ends only by failing.
-        results = &mut servers => return both(results),
+        results = &mut servers => return results.map(drop),
         () = signals.next() => {}
     }
     tracing::info!("shutting down: finishing accepted requests");
-    app.ready.store(false, Ordering::Relaxed);
-    health.set_not_serving::<PoseServiceServer<grpc::Service>>().await;
-    // Both are gone only when their servers have ended already.
+    admin.set_draining();
+    // All receivers are gone only when the servers have ended already.
     let _ = stop.send(true);
     tokio::select! {
-        results = &mut servers => both(results),
+        results = &mut servers => {
+            tracing::info!("every accepted request is answered; workers ended: {}", workers.are_finished());
+            results.map(drop)
+        }
         () = signals.next() => {
             tracing::warn!("second signal: ending at once");
             Ok(())
         }
-        () = tokio::time::sleep(config.drain) => {
-            tracing::warn!("requests were still running after {:?}", config.drain);
+        () = tokio::time::sleep(drain) => {
+            tracing::warn!("requests were still running after {drain:?} ('drain_seconds')");
             Ok(())
         }
+    }
+}
+
+/// Everything from disk, and the workers, warmed up.
+fn load(config: Config) -> Result<(App, Workers), ServeError> {
+    let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
+    let library = Arc::new(Library::load(&config.models)?);
+    let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
+    for name in library.without_model() {
+        tracing::warn!("{name} is not served: it has no model folder");
+    }
+    let is_calibrated = |name: &&str| references.get(name).is_some();
+    let (calibrated, uncalibrated): (Vec<&str>, Vec<&str>) =
+        library.known().map(|object| object.manifest.name.as_str()).partition(is_calibrated);
+    for name in uncalibrated {
+        tracing::warn!("{name} is not served: it is not calibrated (`posed calibrate {name}`)");
+    }
+    tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
+    let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
+    let models = ModelsReport::new(&library, runtime.provider());
+    let (of_workers, references_of_workers) = (Arc::clone(&library), Arc::clone(&references));
+    let make = move || Estimator::new(Arc::clone(&of_workers), Arc::clone(&references_of_workers), &runtime);
+    let (queue, workers) = Queue::start(config.queue(), make)?;
+    let metrics = Metrics::new(queue.clone(), &models);
+    let recalibrating = tokio::sync::Mutex::new(());
+    let app = Shared { queue, library, references, cameras, models, config, metrics, recalibrating };
+    Ok((Arc::new(app), workers))
+}
+
+type Ending = tokio::task::JoinHandle<Result<(), ServeError>>;
+
+fn serve_grpc(
+    app: &App,
+    admin: &Admin,
+    listener: TcpListener,
+    stopping: watch::Receiver<bool>,
+) -> Result<Ending, ServeError> {
+    let (health, health_service) = tonic_health::server::health_reporter();
+    let reflection = tonic_reflection::server::Builder::configure()
+        .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+        .build_v1()?;
+    let server = tonic::transport::Server::builder()
+        .add_service(health_service)
+        .add_service(reflection)
+        .add_service(grpc::service(app.clone(), stopping.clone()))
+        .serve_with_incoming_shutdown(TcpIncoming::from(listener), stopped(stopping));
+    tokio::spawn(report_health(admin.clone(), health));
+    Ok(tokio::spawn(async move { server.await.map_err(|error| failed("gRPC", &error)) }))
+}
+
+/// Keeps the gRPC health service at what the probes say, until the program ends.
+async fn report_health(admin: Admin, health: tonic_health::server::HealthReporter) {
+    use tonic_health::ServingStatus::{NotServing, Serving};
+    let name = <PoseServiceServer<grpc::Service> as tonic::server::NamedService>::NAME;
+    loop {
+        let status = if admin.readiness().is_ok() { Serving } else { NotServing };
+        for service in ["", name] {
+            health.set_service_status(service, status).await;
+        }
+        tokio::time::sleep(HEALTH_INTERVAL).await;
     }
 }
 
@@ -98,16 +168,16 @@ async fn stopped(mut stopping: watch::Receiver<bool>) {
     let _ = stopping.wait_for(|stop| *stop).await;
 }
 
-type Ended = Result<Result<(), ServeError>, tokio::task::JoinError>;
+fn failed(protocol: &'static str, error: &dyn std::error::Error) -> ServeError {
+    ServeError::Server { protocol, reason: error.to_string() }
+}
 
-fn both((http, grpc): (Ended, Ended)) -> Result<(), ServeError> {
-    for ended in [http, grpc] {
-        match ended {
-            Ok(result) => result?,
-            Err(panicked) => std::panic::resume_unwind(panicked.into_panic()),
-        }
+/// A server's own result, whether it failed or panicked.
+async fn flat(ending: Ending) -> Result<(), ServeError> {
+    match ending.await {
+        Ok(result) => result,
+        Err(panicked) => std::panic::resume_unwind(panicked.into_panic()),
     }
-    Ok(())
 }
 
 struct Signals {

@@ -1,20 +1,44 @@
 use std::io::Cursor;
 
+use clap::ValueEnum;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// What an image may demand before anything is allocated for it.
-#[derive(Clone, Debug)]
-pub struct ImageLimits {
+/// What an image may demand before anything is allocated for it, and how it is read.
+#[derive(Clone, Copy, Debug)]
+pub struct DecodeOptions {
     pub max_side_px: u32,
     pub max_pixels: u64,
+    pub exif_orientation: OrientationPolicy,
 }
 
-impl Default for ImageLimits {
+impl Default for DecodeOptions {
     fn default() -> Self {
-        Self { max_side_px: 8192, max_pixels: 24_000_000 }
+        Self { max_side_px: 8192, max_pixels: 24_000_000, exif_orientation: OrientationPolicy::default() }
     }
+}
+
+/// What to do with an image that asks to be turned before it is looked at.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum OrientationPolicy {
+    /// Refuse it: it is unclear which pixels the camera parameters mean.
+    #[default]
+    Refuse,
+    /// Turn it: the camera parameters belong to the turned image.
+    Apply,
+    /// Leave it: the camera parameters belong to the pixels as they are stored.
+    Ignore,
+}
+
+/// An image, and what was found in its file.
+#[derive(Clone, Debug)]
+pub struct Decoded {
+    pub image: RgbImage,
+    /// EXIF orientation, 1..=8: 1 is "as stored".
+    pub exif_orientation: u8,
 }
 
 /// Smaller than this and no object could be seen in it.
@@ -35,7 +59,7 @@ pub enum DecodeError {
     Truncated,
     #[error(
         "image asks to be turned (EXIF orientation {0}), so it is unclear which pixels the camera parameters mean; \
-         post the pixels as the sensor read them, without an orientation"
+         post the pixels as the sensor read them, without an orientation, or choose 'apply' or 'ignore' as exif_orientation"
     )]
     Orientation(u8),
     #[error("image is damaged: {0}")]
@@ -45,11 +69,11 @@ pub enum DecodeError {
 /// Decodes a JPEG, PNG or WebP to 8-bit RGB.
 ///
 /// Grey becomes RGB, alpha is dropped, 16 bits are reduced to 8. Sizes are checked on the header, before the pixels are
-/// allocated. An EXIF orientation other than "as is" is refused.
+/// allocated. An EXIF orientation other than "as stored" is treated as the options say.
 ///
 /// # Errors
 /// [`DecodeError`] says what is wrong with the bytes and which limit they break.
-pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeError> {
+pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }
@@ -62,7 +86,7 @@ pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeErro
     let mut decoder =
         ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(DecodeError::Damaged)?;
     let (width, height) = decoder.dimensions();
-    let ImageLimits { max_side_px, max_pixels } = *limits;
+    let DecodeOptions { max_side_px, max_pixels, exif_orientation } = *options;
     if width.max(height) > max_side_px || u64::from(width) * u64::from(height) > max_pixels {
         return Err(DecodeError::TooLarge { width, height, max_side_px, max_pixels });
     }
@@ -71,10 +95,10 @@ pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeErro
     }
     // Orientation is advice: where it cannot be read there is none to follow.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    if orientation != Orientation::NoTransforms {
+    if orientation != Orientation::NoTransforms && exif_orientation == OrientationPolicy::Refuse {
         return Err(DecodeError::Orientation(orientation.to_exif()));
     }
-    let image = DynamicImage::from_decoder(decoder).map_err(|error| {
+    let mut image = DynamicImage::from_decoder(decoder).map_err(|error| {
         let at_end = |io: &std::io::Error| io.kind() == std::io::ErrorKind::UnexpectedEof;
         if matches!(&error, image::ImageError::IoError(io) if at_end(io)) {
             DecodeError::Truncated
@@ -82,7 +106,10 @@ pub fn decode(bytes: &[u8], limits: &ImageLimits) -> Result<RgbImage, DecodeErro
             DecodeError::Damaged(error)
         }
     })?;
-    Ok(image.into_rgb8())
+    if exif_orientation == OrientationPolicy::Apply {
+        image.apply_orientation(orientation);
+    }
+    Ok(Decoded { image: image.into_rgb8(), exif_orientation: orientation.to_exif() })
 }
 
 /// Decoders fill the missing part of a JPEG with grey and report success, which would cost a detection in silence. Here
@@ -115,28 +142,28 @@ mod tests {
     #[test]
     fn every_kind_of_pixel_becomes_rgb() {
         let wanted = gradient().into_rgb8();
-        let limits = ImageLimits::default();
+        let options = DecodeOptions::default();
         for image in [
             DynamicImage::ImageRgba8(gradient().into_rgba8()),
             DynamicImage::ImageRgb16(gradient().into_rgb16()),
             gradient(),
         ] {
-            assert_eq!(decode(&encoded(&image, ImageFormat::Png), &limits).unwrap(), wanted);
+            assert_eq!(decode(&encoded(&image, ImageFormat::Png), &options).unwrap().image, wanted);
         }
-        let grey = decode(&encoded(&DynamicImage::ImageLuma8(gradient().into_luma8()), ImageFormat::Png), &limits);
-        let pixel = *grey.unwrap().get_pixel(40, 20);
+        let grey = decode(&encoded(&DynamicImage::ImageLuma8(gradient().into_luma8()), ImageFormat::Png), &options);
+        let pixel = *grey.unwrap().image.get_pixel(40, 20);
         assert!(pixel[0] == pixel[1] && pixel[1] == pixel[2]);
-        assert_eq!(decode(&encoded(&gradient(), ImageFormat::WebP), &limits).unwrap(), wanted);
+        assert_eq!(decode(&encoded(&gradient(), ImageFormat::WebP), &options).unwrap().image, wanted);
     }
 
     #[test]
     fn every_truncation_is_an_error() {
         for format in [ImageFormat::Jpeg, ImageFormat::Png, ImageFormat::WebP] {
             let whole = encoded(&gradient(), format);
-            assert!(decode(&whole, &ImageLimits::default()).is_ok());
+            assert!(decode(&whole, &DecodeOptions::default()).is_ok());
             // The last bytes of a PNG (its IEND chunk) and of a WebP (padding) carry no pixels.
             for length in 0..whole.len() - 20 {
-                assert!(decode(&whole[..length], &ImageLimits::default()).is_err(), "{format:?} cut to {length}");
+                assert!(decode(&whole[..length], &DecodeOptions::default()).is_err(), "{format:?} cut to {length}");
             }
         }
     }
@@ -149,9 +176,30 @@ mod tests {
         let checksum = crc32(&png[12..29]);
         png[29..33].copy_from_slice(&checksum.to_be_bytes());
         assert!(matches!(
-            decode(&png, &ImageLimits::default()),
+            decode(&png, &DecodeOptions::default()),
             Err(DecodeError::TooLarge { width: 60_000, height: 60_000, .. })
         ));
+    }
+
+    /// A JPEG with an EXIF segment that states an orientation.
+    fn turned(orientation: u8) -> Vec<u8> {
+        let tiff = [b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".as_slice(), &[orientation, 0, 0, 0], &[0; 4]];
+        let exif = [b"Exif\0\0".as_slice(), &tiff.concat()].concat();
+        let jpeg = encoded(&gradient(), ImageFormat::Jpeg);
+        let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
+        [&jpeg[..2], &[0xFF, 0xE1], &length, &exif, &jpeg[2..]].concat()
+    }
+
+    #[test]
+    fn an_orientation_is_refused_applied_or_ignored() {
+        let decoded =
+            |exif_orientation| decode(&turned(6), &DecodeOptions { exif_orientation, ..DecodeOptions::default() });
+        assert!(matches!(decoded(OrientationPolicy::Refuse), Err(DecodeError::Orientation(6))));
+        let stored = decoded(OrientationPolicy::Ignore).unwrap();
+        assert_eq!((stored.image.dimensions(), stored.exif_orientation), ((64, 48), 6));
+        let applied = decoded(OrientationPolicy::Apply).unwrap();
+        assert_eq!(applied.image, image::imageops::rotate90(&stored.image));
+        assert!(decode(&turned(1), &DecodeOptions::default()).is_ok());
     }
 
     fn crc32(bytes: &[u8]) -> u32 {

@@ -1,9 +1,13 @@
 //! From encoded bytes to network inputs, and from answers to pictures. Knows neither models nor servers.
 
 mod decode;
+mod heatmap;
 mod overlay;
 mod resample;
+mod tensor;
 
-pub use decode::{DecodeError, ImageLimits, decode};
-pub use overlay::{Mark, draw_marks, encode_png};
-pub use resample::{BoundingBox, ResampleError, Resampled, crop_square, letterbox};
+pub use decode::{DecodeError, DecodeOptions, Decoded, OrientationPolicy, decode};
+pub use heatmap::{Peak, find_peak};
+pub use overlay::{Mark, PoseMark, draw_marks, encode};
+pub use resample::{BoundingBox, Letterbox, ResampleError, Resampled, crop_square, letterbox};
+pub use tensor::to_planes;

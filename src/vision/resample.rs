@@ -48,7 +48,7 @@ pub struct Resampled {
 }
 
 /// A region that cannot be resampled.
-#[derive(Debug, Error)]
+#[derive(Clone, Debug, Error)]
 pub enum ResampleError {
     #[error("box {0:?} does not describe a region of the image")]
     Region(BoundingBox),
@@ -99,35 +99,43 @@ pub fn crop_square(
     Ok(Resampled { rgb: target.into_vec(), crop_from_image })
 }
 
-/// The whole image resized to fit into `width` x `height` at the top left, the rest filled with `fill`.
+/// How a whole image becomes a network's input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Letterbox {
+    pub width: u32,
+    pub height: u32,
+    /// Grey value of what the image does not cover.
+    pub fill: u8,
+    /// In the middle, else at the top left.
+    pub centred: bool,
+}
+
+/// The whole image resized to fit into a letterbox, its aspect kept.
 ///
 /// # Errors
 /// When the image is empty.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded sides within 1..=width")]
-pub fn letterbox(
-    resizer: &mut Resizer,
-    image: &RgbImage,
-    width: u32,
-    height: u32,
-    fill: u8,
-) -> Result<Resampled, ResampleError> {
-    let (from_width, from_height) = (f64::from(image.width()), f64::from(image.height()));
-    let scale = (f64::from(width) / from_width).min(f64::from(height) / from_height);
-    let inner_width = ((from_width * scale).round() as u32).clamp(1, width);
-    let inner_height = ((from_height * scale).round() as u32).clamp(1, height);
+pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Result<Resampled, ResampleError> {
+    let Letterbox { width, height, fill, centred } = to;
+    let from = Vector2::new(f64::from(image.width()), f64::from(image.height()));
+    let scale = (f64::from(width) / from.x).min(f64::from(height) / from.y);
+    let inner_width = ((from.x * scale).round() as u32).clamp(1, width);
+    let inner_height = ((from.y * scale).round() as u32).clamp(1, height);
     let source = ImageRef::new(image.width(), image.height(), image.as_raw(), PixelType::U8x3)?;
     let mut inner = Image::new(inner_width, inner_height, PixelType::U8x3);
     let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
     resizer.resize(&source, &mut inner, &options)?;
+    let (left, top) = if centred { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
     let mut rgb = vec![fill; 3 * width as usize * height as usize];
     for (row, line) in inner.buffer().chunks_exact(3 * inner_width as usize).enumerate() {
-        let start = 3 * row * width as usize;
+        let start = 3 * ((row + top as usize) * width as usize + left as usize);
         rgb[start..start + line.len()].copy_from_slice(line);
     }
+    let pixel = from.component_div(&Vector2::new(f64::from(inner_width), f64::from(inner_height)));
     let crop_from_image = Affine::region_to_image(
-        Vector2::zeros(),
-        Vector2::new(from_width, from_height),
-        Vector2::new(f64::from(inner_width), f64::from(inner_height)),
+        -Vector2::new(f64::from(left), f64::from(top)).component_mul(&pixel),
+        Vector2::new(f64::from(width), f64::from(height)).component_mul(&pixel),
+        Vector2::new(f64::from(width), f64::from(height)),
     );
     Ok(Resampled { rgb, crop_from_image })
 }
@@ -220,8 +228,12 @@ mod tests {
     #[test]
     fn letterbox_keeps_the_aspect_and_fills_the_rest() {
         let image = map(200, 100);
-        let boxed = letterbox(&mut Resizer::new(), &image, 100, 100, 114).unwrap();
-        assert_eq!(pixel(&boxed, 100, 50, 80), [114; 3]);
-        assert_eq!(boxed.crop_from_image.apply(&Vector2::new(199.5, 99.5)), Vector2::new(99.5, 49.5));
+        for (centred, filled, corner) in [(false, 80, Vector2::new(99.5, 49.5)), (true, 10, Vector2::new(99.5, 74.5))] {
+            let to = Letterbox { width: 100, height: 100, fill: 114, centred };
+            let boxed = letterbox(&mut Resizer::new(), &image, to).unwrap();
+            assert_eq!(pixel(&boxed, 100, 50, filled), [114; 3]);
+            assert_eq!(pixel(&boxed, 100, 50, 45)[2], 77);
+            assert_eq!(boxed.crop_from_image.apply(&Vector2::new(199.5, 99.5)), corner);
+        }
     }
 }

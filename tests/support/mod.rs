@@ -14,6 +14,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 pub const CAMERA: &str = "fx=600&fy=600&cx=319.5&cy=239.5";
+pub const FREE_PORTS: [&str; 6] = ["--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"];
 const START_LIMIT: Duration = Duration::from_mins(1);
 
 pub fn root() -> &'static Path {
@@ -44,11 +45,13 @@ pub struct Server {
     child: Child,
     pub http: SocketAddr,
     pub grpc: SocketAddr,
+    pub admin: SocketAddr,
 }
 
 impl Server {
     pub fn start(arguments: &[&str]) -> Self {
-        let mut child = posed(&["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--cameras", "samples"])
+        let mut child = posed(&["serve", "--cameras", "samples"])
+            .args(FREE_PORTS)
             .args(arguments)
             .env("NO_COLOR", "1")
             .stderr(Stdio::piped())
@@ -68,14 +71,24 @@ impl Server {
                 }
             }
         };
-        let (http, grpc) = (address("http"), address("grpc"));
+        let (admin, http, grpc) = (address("admin"), address("http"), address("grpc"));
+        let ready = lines.by_ref().map_while(Result::ok).find(|line| line.contains("ready after"));
+        assert!(ready.is_some(), "the server ended");
         // Someone must go on reading, or the server would block on a full pipe.
         std::thread::spawn(move || lines.for_each(drop));
-        Self { child, http, grpc }
+        Self { child, http, grpc, admin }
     }
 
     pub fn url(&self, path: &str) -> String {
         format!("http://{}{path}", self.http)
+    }
+
+    pub fn admin_url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.admin)
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     pub fn signal(&self, signal: &str) {
@@ -176,4 +189,37 @@ pub fn read(path: &Path) -> Vec<u8> {
     let mut bytes = Vec::new();
     std::fs::File::open(path).unwrap().read_to_end(&mut bytes).unwrap();
     bytes
+}
+
+/// An answer's body as JSON.
+pub async fn json(response: reqwest::Response) -> Value {
+    serde_json::from_slice(&response.bytes().await.unwrap()).unwrap()
+}
+
+/// An error's code and sentence.
+pub async fn error(response: reqwest::Response) -> (String, String) {
+    let answer = json(response).await;
+    let text = |field: &str| answer["error"][field].as_str().unwrap().to_owned();
+    (text("code"), text("message"))
+}
+
+/// Posts an image.
+pub async fn post(server: &Server, query: &str, body: Vec<u8>) -> reqwest::Response {
+    let url = server.url(&format!("/v1/poses?{query}"));
+    reqwest::Client::new().post(url).body(body).send().await.unwrap()
+}
+
+/// The server still answers the first sample right.
+pub async fn assert_still_works(server: &Server) {
+    let sample = &samples()[0];
+    let response = post(server, CAMERA, read(&sample.file)).await;
+    assert_eq!(response.status(), 200);
+    assert_right(sample, &json(response).await);
+}
+
+/// An image as a PNG file.
+pub fn png(image: &image::DynamicImage) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
 }

@@ -1,13 +1,17 @@
 //! The `*.camera.json` form.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::{Camera, CameraError, Lens, Model};
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// A camera as JSON. Parameters are in pixels of an image of `width` x `height`, pixel centres at integers.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct CameraFile {
+#[schema(as = Camera)]
+pub struct CameraFile {
     model: CameraModel,
+    /// Of the image that the parameters belong to. Without it no image can be found to be of another size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     width: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -16,15 +20,20 @@ pub(super) struct CameraFile {
     fy: f64,
     cx: f64,
     cy: f64,
+    /// `opencv`: 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`; `fisheye`: 4.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     distortion: Vec<f64>,
 }
 
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+/// OpenCV's lens models.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-enum CameraModel {
+pub enum CameraModel {
+    /// No distortion.
     Pinhole,
+    /// Radial, tangential and thin prism terms.
     OpenCv,
+    /// Kannala and Brandt.
     Fisheye,
 }
 

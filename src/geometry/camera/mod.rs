@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use file::CameraFile;
+pub use file::{CameraFile, CameraModel};
 use lens::{Lens, Model};
 
 /// Points nearer to the camera's plane than this (metres) count as not in front of it.
@@ -92,15 +92,37 @@ impl Camera {
         Ok(self)
     }
 
+    /// The size (pixels) that the parameters belong to, where it is stated.
+    #[must_use]
+    pub fn size(&self) -> Option<(u32, u32)> {
+        self.size
+    }
+
+    /// The camera of an image of this size: the same camera where it states this size or none, and a scaled one where
+    /// the image is the camera's image resized as a whole. A lens model is not changed by a resize.
+    ///
     /// # Errors
-    /// When the camera was calibrated for another image size.
-    pub fn check_image_size(&self, width: u32, height: u32) -> Result<(), CameraError> {
-        match self.size {
-            Some((calibrated_width, calibrated_height)) if (calibrated_width, calibrated_height) != (width, height) => {
-                Err(CameraError::ImageSize { calibrated_width, calibrated_height, width, height })
-            }
-            Some(_) | None => Ok(()),
+    /// When the image has another shape, as a crop has.
+    pub fn for_image(&self, width: u32, height: u32) -> Result<Self, CameraError> {
+        let Some((calibrated_width, calibrated_height)) = self.size.filter(|size| *size != (width, height)) else {
+            return Ok(self.clone());
+        };
+        let [w, h, cw, ch] = [width, height, calibrated_width, calibrated_height].map(f64::from);
+        // A resize rounds both sides to whole pixels.
+        if (w * ch - h * cw).abs() > 0.5 * (cw + ch) {
+            return Err(CameraError::ImageSize { calibrated_width, calibrated_height, width, height });
         }
+        let scale = Vector2::new(w / cw, h / ch);
+        // Pixel centres are at integers, so the image's edge, not its first pixel's centre, stays where it is.
+        let centre = |c: f64, s: f64| (c + 0.5) * s - 0.5;
+        Ok(Self {
+            fx: self.fx * scale.x,
+            fy: self.fy * scale.y,
+            cx: centre(self.cx, scale.x),
+            cy: centre(self.cy, scale.y),
+            lens: self.lens.clone(),
+            size: Some((width, height)),
+        })
     }
 
     /// Focal lengths `(fx, fy)` in pixels.
@@ -182,7 +204,10 @@ pub(crate) fn normalised_by_point(point: &Vector3<f64>) -> Matrix2x3<f64> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sides of small images")]
+
     use super::*;
+    use crate::geometry::Affine;
     use proptest::prelude::*;
 
     fn pinhole() -> Camera {
@@ -207,6 +232,24 @@ mod tests {
     }
 
     proptest! {
+        /// A point seen by the camera of the resized image lies where the resize moves its pixel.
+        #[test]
+        fn a_resized_image_has_a_resized_camera(
+            camera in any_camera(), x in -0.3..0.3f64, y in -0.3..0.3f64, scale in 0.2..3.0f64,
+        ) {
+            let camera = camera.with_size(640, 480).unwrap();
+            let [width, height] = [640.0, 480.0].map(|side: f64| (side * scale).round());
+            let (w, h) = (width as u32, height as u32);
+            let resized = camera.for_image(w, h).unwrap();
+            let point = Vector3::new(x, y, 1.0);
+            if let (Ok(before), Ok(after)) = (camera.project(&point), resized.project(&point)) {
+                let to = Vector2::new(width, height);
+                let moved = Affine::region_to_image(Vector2::zeros(), Vector2::new(640.0, 480.0), to).apply(&before);
+                prop_assert!((moved - after).norm() < 1e-9);
+            }
+            prop_assert!(camera.for_image(w, h + h / 50 + 2).is_err());
+        }
+
         #[test]
         fn unproject_undoes_project(camera in any_camera(), x in -0.9..0.9f64, y in -0.9..0.9f64, z in 0.1..5.0f64) {
             let point = Vector3::new(x * z, y * z, z);

@@ -1,55 +1,130 @@
 //! The gRPC front end.
 
+mod stream;
 mod translate;
 
-use tonic::{Request, Response, Status};
+use std::time::{Duration, Instant};
+
+use tokio::sync::watch;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::metadata::{MetadataMap, MetadataValue};
+use tonic::{Request, Response, Status, Streaming};
+use tracing::Instrument as _;
+use uuid::Uuid;
 
 use super::App;
 use super::failure::{Failure, FailureKind};
-use crate::estimator::Work;
-use crate::geometry::Camera;
 use crate::proto;
-use proto::estimate_request::Camera as CameraChoice;
 pub(super) use proto::pose_service_server::PoseServiceServer;
 
 /// Protocol overhead of a request beyond its image.
 const MESSAGE_OVERHEAD_BYTES: usize = 4096;
+const MAX_ID_BYTES: usize = 128;
 
-pub(super) fn service(app: App) -> PoseServiceServer<Service> {
-    let limit = app.max_body_bytes + MESSAGE_OVERHEAD_BYTES;
-    PoseServiceServer::new(Service { app }).max_decoding_message_size(limit)
+pub(super) fn service(app: App, stopping: watch::Receiver<bool>) -> PoseServiceServer<Service> {
+    let limit = app.config.max_body_bytes + MESSAGE_OVERHEAD_BYTES;
+    PoseServiceServer::new(Service { app, stopping }).max_decoding_message_size(limit)
 }
 
 pub(super) struct Service {
     app: App,
+    /// True once no further frame of a stream is read.
+    stopping: watch::Receiver<bool>,
 }
 
 #[tonic::async_trait]
 impl proto::pose_service_server::PoseService for Service {
+    type EstimateStreamStream = ReceiverStream<Result<proto::EstimateStreamResponse, Status>>;
+
     async fn estimate(
         &self,
         request: Request<proto::EstimateRequest>,
     ) -> Result<Response<proto::EstimateResponse>, Status> {
-        let request = request.into_inner();
-        let camera = self.camera(request.camera)?;
-        let answer = self.app.queue.estimate(Work { image: request.image, camera }).await.map_err(Failure::from)?;
-        Ok(Response::new(answer.into()))
+        let (id, trace_parent) = marks(request.metadata());
+        let span = tracing::info_span!("grpc", id, traceparent = trace_parent, route = "Estimate");
+        let work = async {
+            let start = Instant::now();
+            let asked = grpc_timeout(request.metadata());
+            let answer = match asked {
+                Ok(asked) => estimate(&self.app, request.into_inner(), self.app.deadline(asked)).await,
+                Err(failure) => Err(failure),
+            };
+            observe(&self.app, "Estimate", &answer, start);
+            answer
+        };
+        let mut response = Response::new(work.instrument(span).await?);
+        if let Ok(value) = MetadataValue::try_from(id) {
+            response.metadata_mut().insert("x-request-id", value);
+        }
+        Ok(response)
+    }
+
+    async fn estimate_stream(
+        &self,
+        request: Request<Streaming<proto::EstimateStreamRequest>>,
+    ) -> Result<Response<Self::EstimateStreamStream>, Status> {
+        let (id, trace_parent) = marks(request.metadata());
+        let span = tracing::info_span!("grpc", id, traceparent = trace_parent, route = "EstimateStream");
+        let (responses, stream) = tokio::sync::mpsc::channel(1);
+        let frames = request.into_inner();
+        tokio::spawn(stream::run(self.app.clone(), frames, responses, self.stopping.clone()).instrument(span));
+        Ok(Response::new(ReceiverStream::new(stream)))
+    }
+
+    async fn list_objects(
+        &self,
+        _: Request<proto::ListObjectsRequest>,
+    ) -> Result<Response<proto::ListObjectsResponse>, Status> {
+        let known = self.app.library.known();
+        let object = |object| translate::known_object(object, &self.app);
+        Ok(Response::new(proto::ListObjectsResponse { objects: known.map(object).collect() }))
     }
 }
 
-impl Service {
-    fn camera(&self, choice: Option<CameraChoice>) -> Result<Camera, Failure> {
-        match choice {
-            Some(CameraChoice::CameraId(id)) => {
-                self.app.cameras.get(&id).cloned().ok_or_else(|| Failure::unknown_camera(&id, &self.app.cameras))
-            }
-            Some(CameraChoice::Pinhole(c)) => Ok(Camera::pinhole(c.fx, c.fy, c.cx, c.cy)?),
-            None => {
-                let message = "no camera: set 'camera_id' or 'pinhole'";
-                Err(Failure::new(FailureKind::InvalidRequest, message))
-            }
+async fn estimate(
+    app: &App,
+    mut request: proto::EstimateRequest,
+    deadline: Instant,
+) -> Result<proto::EstimateResponse, Failure> {
+    let image = std::mem::take(&mut request.image);
+    let options = translate::options(request, app)?;
+    let answer = app.estimate(image, &options, deadline, false).await?;
+    Ok(translate::response(&answer, &options, &app.models))
+}
+
+fn observe<T>(app: &App, route: &str, answer: &Result<T, Failure>, start: Instant) {
+    let outcome = answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok");
+    let duration = start.elapsed();
+    app.metrics.request("grpc", route, outcome, duration);
+    tracing::info!(outcome, milliseconds = duration.as_secs_f64() * 1e3);
+}
+
+/// The request's id, the caller's or a new one, and its W3C trace context.
+fn marks(metadata: &MetadataMap) -> (String, Option<String>) {
+    let given =
+        |name: &str| metadata.get(name)?.to_str().ok().filter(|v| v.len() <= MAX_ID_BYTES).map(ToOwned::to_owned);
+    let id = given("x-request-id").filter(|id| !id.is_empty()).unwrap_or_else(|| Uuid::new_v4().to_string());
+    (id, given("traceparent"))
+}
+
+/// `grpc-timeout`: up to eight digits and a unit.
+fn grpc_timeout(metadata: &MetadataMap) -> Result<Option<Duration>, Failure> {
+    let Some(value) = metadata.get("grpc-timeout") else { return Ok(None) };
+    let parsed = value.to_str().ok().and_then(|text| {
+        let (digits, unit) = text.split_at_checked(text.len().checked_sub(1)?)?;
+        let amount = digits.parse::<u64>().ok().filter(|_| digits.len() <= 8)?;
+        match unit {
+            "H" => Some(Duration::from_hours(amount)),
+            "M" => Some(Duration::from_mins(amount)),
+            "S" => Some(Duration::from_secs(amount)),
+            "m" => Some(Duration::from_millis(amount)),
+            "u" => Some(Duration::from_micros(amount)),
+            "n" => Some(Duration::from_nanos(amount)),
+            _ => None,
         }
-    }
+    });
+    let failure = || Failure::new(FailureKind::InvalidRequest, "metadata 'grpc-timeout' is no timeout");
+    parsed.map(Some).ok_or_else(failure)
 }
 
 impl From<Failure> for Status {

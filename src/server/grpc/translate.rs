@@ -1,65 +1,155 @@
-//! Estimates to protobuf messages.
+//! Protobuf messages to requests, and answers to protobuf messages.
 
-use crate::estimator::{Answer, ObjectPose, SolvedPose};
-use crate::geometry::Pose;
+use crate::estimator::{Answer, CallerFrames, ModelsReport, ObjectPose, Selection, SolvedKeypoint, SolvedPose};
+use crate::geometry::{Camera, Covariance6, Pose};
+use crate::model::{ObjectModel, PoseFile};
 use crate::pnp::{Reason, Status};
 use crate::proto;
+use crate::server::Shared;
+use crate::server::failure::Failure;
+use crate::server::request::{Options, invalid, no_camera, pose, registered_camera};
+use proto::camera::Model;
+use proto::estimate_request::Camera as CameraChoice;
 
-impl From<Answer> for proto::EstimateResponse {
-    fn from(answer: Answer) -> Self {
-        let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
-        let Answer { estimate, queued, decode, total } = answer;
-        Self {
-            image_width: estimate.width,
-            image_height: estimate.height,
-            timings: Some(proto::Timings {
-                queue_ms: milliseconds(queued),
-                decode_ms: milliseconds(decode),
-                detect_ms: milliseconds(estimate.timings.detect),
-                keypoints_ms: milliseconds(estimate.timings.keypoints),
-                pose_ms: milliseconds(estimate.timings.pose),
-                total_ms: milliseconds(total),
-            }),
-            poses: estimate.poses.into_iter().map(Into::into).collect(),
+/// Everything but the image.
+pub(super) fn options(request: proto::EstimateRequest, app: &Shared) -> Result<Options, Failure> {
+    let camera = match request.camera.ok_or_else(no_camera)? {
+        CameraChoice::CameraId(id) => registered_camera(&id, app)?,
+        CameraChoice::InlineCamera(camera) => inline_camera(&camera)?,
+    };
+    let frame = |field, transform: Option<proto::Transform>| {
+        transform.map(|transform| pose(field, &PoseFile::from(&transform))).transpose()
+    };
+    let options = Options {
+        camera,
+        selection: Selection {
+            objects: Some(request.objects).filter(|names| !names.is_empty()),
+            max_instances: request.max_instances.map(|count| count as usize),
+            min_confidence: request.min_confidence,
+        },
+        frames: CallerFrames {
+            world_from_camera: frame("world_from_camera", request.world_from_camera)?,
+            base_from_camera: frame("base_from_camera", request.base_from_camera)?,
+        },
+        captured_at: Some(request.captured_at).filter(|mark| !mark.is_empty()),
+    };
+    options.check(app)
+}
+
+fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
+    let pinhole = Camera::pinhole(camera.fx, camera.fy, camera.cx, camera.cy)?;
+    let model = Model::try_from(camera.model).map_err(|_| invalid("camera field 'model' is unknown"))?;
+    let with_lens = match model {
+        Model::Pinhole if camera.distortion.is_empty() => pinhole,
+        Model::Pinhole => {
+            return Err(invalid("camera field 'distortion' needs 'model' MODEL_OPENCV or MODEL_FISHEYE"));
         }
+        Model::Opencv => pinhole.with_opencv_distortion(&camera.distortion)?,
+        Model::Fisheye => pinhole.with_fisheye_distortion(&camera.distortion)?,
+    };
+    match (camera.width, camera.height) {
+        (0, 0) => Ok(with_lens),
+        (width, height) => Ok(with_lens.with_size(width, height)?),
     }
 }
 
-impl From<ObjectPose> for proto::ObjectPose {
-    fn from(found: ObjectPose) -> Self {
-        let region = found.detection.bounding_box;
-        Self {
-            object: found.object,
-            status: proto::Status::from(found.verdict.status).into(),
-            reasons: found.verdict.reasons.iter().map(|reason| proto::Reason::from(reason).into()).collect(),
-            r#box: Some(proto::BoundingBox {
-                x_px: region.x,
-                y_px: region.y,
-                width_px: region.width,
-                height_px: region.height,
-            }),
-            score: found.detection.score,
-            solved: found.pose.as_ref().map(Into::into),
-        }
+#[expect(clippy::cast_possible_truncation, reason = "at most 16 keypoints")]
+pub(super) fn known_object(object: &ObjectModel, app: &Shared) -> proto::KnownObject {
+    let manifest = &object.manifest;
+    proto::KnownObject {
+        name: manifest.name.clone(),
+        obj_id: manifest.obj_id,
+        calibrated: app.is_calibrated(&manifest.name),
+        diameter_m: manifest.diameter_m,
+        keypoints: manifest.virtual_keypoints_m.len() as u32,
+        model_sha256: manifest.model_sha256.clone(),
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "counts of at most 16 keypoints")]
-impl From<&SolvedPose> for proto::SolvedPose {
-    fn from(solved: &SolvedPose) -> Self {
+#[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
+pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsReport) -> proto::EstimateResponse {
+    let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
+    let timings = &answer.estimate.timings;
+    let (scaled_from_width, scaled_from_height) = answer.camera_scaled_from.unwrap_or_default();
+    proto::EstimateResponse {
+        image_width: answer.width,
+        image_height: answer.height,
+        timings: Some(proto::Timings {
+            queue_ms: milliseconds(answer.queued),
+            decode_ms: milliseconds(answer.decode),
+            detect_ms: milliseconds(timings.detect),
+            keypoints_ms: milliseconds(timings.keypoints),
+            pose_ms: milliseconds(timings.pose),
+            total_ms: milliseconds(answer.total),
+            batch_size: answer.batch_size as u32,
+        }),
+        poses: answer.estimate.poses.iter().map(|found| object_pose(found, &options.frames)).collect(),
+        captured_at: options.captured_at.clone().unwrap_or_default(),
+        exif_orientation: answer.exif_orientation.into(),
+        camera_scaled_from_width: scaled_from_width,
+        camera_scaled_from_height: scaled_from_height,
+        models: Some(proto::Models {
+            provider: models.provider.to_string(),
+            detector_sha256: models.detector.clone(),
+            keypoints_sha256: models.keypoints.clone().into_iter().collect(),
+        }),
+    }
+}
+
+fn object_pose(found: &ObjectPose, frames: &CallerFrames) -> proto::ObjectPose {
+    let region = found.detection.bounding_box;
+    proto::ObjectPose {
+        object: found.object.clone(),
+        status: proto::Status::from(found.verdict.status).into(),
+        reasons: found.verdict.reasons.iter().map(|reason| proto::Reason::from(reason).into()).collect(),
+        r#box: Some(proto::BoundingBox {
+            x_px: region.x,
+            y_px: region.y,
+            width_px: region.width,
+            height_px: region.height,
+        }),
+        score: found.detection.score,
+        solved: found.pose.as_ref().map(|solved| solved_pose(solved, frames)),
+        confidence: found.confidence(),
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "at most 16 keypoints")]
+fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose {
+    let placed = |frame: &Pose| {
+        let (pose, covariance) = solved.in_frame(frame);
+        proto::PlacedPose { transform: Some((&pose).into()), covariance: row_major(&covariance) }
+    };
+    proto::SolvedPose {
+        camera_from_object: Some((&solved.camera_from_object).into()),
+        covariance: row_major(&solved.covariance),
+        reprojection_rmse_px: solved.reprojection_rmse_px,
+        inliers: solved.inlier_count() as u32,
+        keypoints: solved.keypoints.iter().map(Into::into).collect(),
+        weight: solved.weight,
+        alternatives: solved
+            .alternatives
+            .iter()
+            .map(|(pose, weight)| proto::Alternative { camera_from_object: Some(pose.into()), weight: *weight })
+            .collect(),
+        world_from_object: frames.world_from_camera.as_ref().map(placed),
+        base_from_object: frames.base_from_camera.as_ref().map(placed),
+    }
+}
+
+/// Symmetric, so column-major storage reads the same as row-major.
+fn row_major(covariance: &Covariance6) -> Vec<f64> {
+    covariance.iter().copied().collect()
+}
+
+impl From<&SolvedKeypoint> for proto::Keypoint {
+    fn from(keypoint: &SolvedKeypoint) -> Self {
         Self {
-            camera_from_object: Some((&solved.camera_from_object).into()),
-            // Symmetric, so column-major storage reads the same as row-major.
-            covariance: solved.covariance.iter().copied().collect(),
-            reprojection_rmse_px: solved.reprojection_rmse_px,
-            inliers: solved.inliers as u32,
-            keypoints: solved.keypoints as u32,
-            weight: solved.weight,
-            alternatives: solved
-                .alternatives
-                .iter()
-                .map(|(pose, weight)| proto::Alternative { camera_from_object: Some(pose.into()), weight: *weight })
-                .collect(),
+            u_px: keypoint.pixel.x,
+            v_px: keypoint.pixel.y,
+            residual_px: keypoint.residual_px,
+            peak: keypoint.peak,
+            inlier: keypoint.inlier,
         }
     }
 }
@@ -69,6 +159,15 @@ impl From<&Pose> for proto::Transform {
         let [rotation_x, rotation_y, rotation_z, rotation_w] = pose.rotation_xyzw();
         let [translation_x_m, translation_y_m, translation_z_m] = pose.translation_m();
         Self { rotation_x, rotation_y, rotation_z, rotation_w, translation_x_m, translation_y_m, translation_z_m }
+    }
+}
+
+impl From<&proto::Transform> for PoseFile {
+    fn from(t: &proto::Transform) -> Self {
+        Self {
+            rotation_xyzw: [t.rotation_x, t.rotation_y, t.rotation_z, t.rotation_w],
+            translation_m: [t.translation_x_m, t.translation_y_m, t.translation_z_m],
+        }
     }
 }
 

@@ -1,12 +1,9 @@
-//! The gRPC interface of the real server, with the shipped models.
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+//! The gRPC interface.
 
-mod support;
-
+use crate::support::{Server, read, samples};
 use posed::proto::estimate_request::Camera;
 use posed::proto::pose_service_client::PoseServiceClient;
-use posed::proto::{EstimateRequest, PinholeCamera, Status};
-use support::{Server, read, samples};
+use posed::proto::{Camera as InlineCamera, EstimateRequest, Status, Transform};
 use tonic::Code;
 use tonic::transport::Channel;
 use tonic_health::pb::HealthCheckRequest;
@@ -18,7 +15,7 @@ async fn client(server: &Server) -> PoseServiceClient<Channel> {
 }
 
 fn pinhole(fx: f64) -> Camera {
-    Camera::Pinhole(PinholeCamera { fx, fy: 600.0, cx: 319.5, cy: 239.5 })
+    Camera::InlineCamera(InlineCamera { fx, fy: 600.0, cx: 319.5, cy: 239.5, ..InlineCamera::default() })
 }
 
 #[tokio::test]
@@ -27,7 +24,8 @@ async fn every_sample_is_answered_right() {
     let mut client = client(&server).await;
     for sample in samples() {
         for camera in [pinhole(600.0), Camera::CameraId("demo".into())] {
-            let request = EstimateRequest { image: read(&sample.file), camera: Some(camera) };
+            let request =
+                EstimateRequest { image: read(&sample.file), camera: Some(camera), ..EstimateRequest::default() };
             let answer = client.estimate(request).await.unwrap().into_inner();
             for known in &sample.objects {
                 let found = answer.poses.iter().find(|pose| pose.object == known.object).unwrap();
@@ -58,13 +56,15 @@ async fn bad_requests_have_their_codes_and_the_next_good_one_works() {
         (image.clone(), Some(Camera::CameraId("nowhere".into())), Code::NotFound, "known cameras: demo"),
     ];
     for (image, camera, code, words) in cases {
-        let status = client.estimate(EstimateRequest { image, camera }).await.unwrap_err();
+        let status =
+            client.estimate(EstimateRequest { image, camera, ..EstimateRequest::default() }).await.unwrap_err();
         assert_eq!(status.code(), code);
         assert!(status.message().contains(words), "{}", status.message());
     }
-    let oversized = EstimateRequest { image: vec![0; 3_000_000], camera: Some(pinhole(600.0)) };
+    let oversized =
+        EstimateRequest { image: vec![0; 3_000_000], camera: Some(pinhole(600.0)), ..EstimateRequest::default() };
     assert_eq!(client.estimate(oversized).await.unwrap_err().code(), Code::OutOfRange);
-    let good = EstimateRequest { image, camera: Some(pinhole(600.0)) };
+    let good = EstimateRequest { image, camera: Some(pinhole(600.0)), ..EstimateRequest::default() };
     assert!(!client.estimate(good).await.unwrap().into_inner().poses.is_empty());
 }
 
@@ -75,4 +75,49 @@ async fn health_is_reported_for_the_service() {
     let request = HealthCheckRequest { service: "posed.v1.PoseService".into() };
     let answer = HealthClient::new(channel).check(request).await.unwrap().into_inner();
     assert_eq!(answer.status(), ServingStatus::Serving);
+}
+
+#[tokio::test]
+async fn options_are_kept_and_bad_ones_refused() {
+    let server = Server::start(&[]);
+    let mut client = client(&server).await;
+    let good = EstimateRequest {
+        image: read(&samples()[0].file),
+        camera: Some(pinhole(600.0)),
+        objects: vec!["cube".into()],
+        max_instances: Some(1),
+        captured_at: "frame 7".into(),
+        world_from_camera: Some(Transform { rotation_w: 1.0, translation_x_m: 10.0, ..Transform::default() }),
+        ..EstimateRequest::default()
+    };
+    let answer = client.estimate(good.clone()).await.unwrap().into_inner();
+    assert_eq!((answer.poses.len(), answer.captured_at.as_str()), (1, "frame 7"));
+    assert_eq!(answer.models.unwrap().provider, "cpu");
+    let solved = answer.poses[0].solved.as_ref().unwrap();
+    let x = |transform: Option<Transform>| transform.unwrap().translation_x_m;
+    let world = solved.world_from_object.as_ref().unwrap();
+    assert!((x(world.transform) - x(solved.camera_from_object) - 10.0).abs() < 1e-9);
+    assert_eq!(world.covariance, solved.covariance);
+
+    let bent = InlineCamera { fx: 600.0, fy: 600.0, distortion: vec![0.1; 3], model: 1, ..InlineCamera::default() };
+    for (request, code, words) in [
+        (EstimateRequest { objects: vec!["teapot".into()], ..good.clone() }, Code::NotFound, "known objects"),
+        (EstimateRequest { min_confidence: f64::NAN, ..good.clone() }, Code::InvalidArgument, "min_confidence"),
+        (
+            EstimateRequest { camera: Some(Camera::InlineCamera(bent)), ..good.clone() },
+            Code::InvalidArgument,
+            "4, 5, 8 or 12",
+        ),
+        (
+            EstimateRequest { base_from_camera: Some(Transform::default()), ..good.clone() },
+            Code::InvalidArgument,
+            "base_from_camera",
+        ),
+    ] {
+        let status = client.estimate(request).await.unwrap_err();
+        assert!(status.code() == code && status.message().contains(words), "{status}");
+    }
+    let mut hurried = tonic::Request::new(good);
+    hurried.set_timeout(std::time::Duration::from_millis(1));
+    assert!(matches!(client.estimate(hurried).await.unwrap_err().code(), Code::DeadlineExceeded | Code::Cancelled));
 }

@@ -1,29 +1,12 @@
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-use thiserror::Error;
 
+use super::input::{self, ElementType, Layout, Normalisation};
+use super::{Invalid, ManifestError, check_name, read_manifest};
 use crate::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
 use crate::pnp::{MAX_POINTS, MIN_POINTS};
-
-/// A model folder that cannot be used. Every message names the file, and the field where there is one.
-#[derive(Debug, Error)]
-pub enum ManifestError {
-    #[error("cannot read {}: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{}: {source}", path.display())]
-    Json { path: PathBuf, source: serde_json::Error },
-    #[error("{}: field '{field}' {problem}", path.display())]
-    Field { path: PathBuf, field: &'static str, problem: String },
-    #[error(
-        "{} has sha256 {found} but its manifest states {stated}: the file is damaged or belongs to another manifest",
-        path.display()
-    )]
-    Hash { path: PathBuf, stated: String, found: String },
-}
 
 /// `models/<object>/object.json`.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -63,7 +46,7 @@ fn one_crop() -> Vec<f64> {
     vec![1.0]
 }
 
-/// RGB crops `[B, size, size, 3]`, raw 8-bit.
+/// A batch of square RGB crops.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeypointInput {
@@ -71,18 +54,12 @@ pub struct KeypointInput {
     pub dtype: ElementType,
     /// Side of the square crop, pixels.
     pub size: u32,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Layout {
-    Nhwc,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ElementType {
-    Uint8,
+    /// Mean of each channel, of pixels in 0..1: for floats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean: Option<[f32; 3]>,
+    /// Standard deviation of each channel, of pixels in 0..1: for floats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std: Option<[f32; 3]>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
@@ -90,42 +67,15 @@ pub enum ElementType {
 pub enum KeypointOutput {
     /// `keypoints [B, N, 2]`, `covariances [B, N, 2, 2]` in crop pixels and `peaks [B, N]` in 0..1.
     Keypoints,
+    /// One output `[B, N, h, w]` of logits, h = w.
+    Heatmaps,
 }
 
-/// `models/detector/detector.json`.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct DetectorManifest {
-    pub format: DetectorFormat,
-    /// SHA-256 of `detector.onnx`, hexadecimal.
-    pub model_sha256: String,
-    pub input: DetectorInput,
-    /// Object name of each class, by class index.
-    pub labels: Vec<String>,
-    /// Detections below this score are dropped.
-    pub score_threshold: f64,
-    /// Where the network comes from; for people.
-    #[serde(default)]
-    pub training: serde_json::Value,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DetectorFormat {
-    /// Non-maximum suppression inside: `[1, N, 6]` rows of x1, y1, x2, y2 (edges, input pixels), score, class.
-    End2end,
-}
-
-/// One RGB image `[1, height, width, 3]`, raw 8-bit, letterboxed: fitted at the top left, the rest filled.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct DetectorInput {
-    pub layout: Layout,
-    pub dtype: ElementType,
-    pub width: u32,
-    pub height: u32,
-    /// Grey value of the filling.
-    pub fill: u8,
+impl KeypointInput {
+    #[must_use]
+    pub fn normalisation(&self) -> Normalisation {
+        Normalisation::new(self.mean, self.std)
+    }
 }
 
 impl KeypointManifest {
@@ -134,9 +84,7 @@ impl KeypointManifest {
     /// # Errors
     /// [`ManifestError`] names the file and the field.
     pub fn read(path: &Path) -> Result<Self, ManifestError> {
-        let manifest: Self = read_json(path)?;
-        manifest.validate().map_err(|(field, problem)| ManifestError::Field { path: path.into(), field, problem })?;
-        Ok(manifest)
+        read_manifest(path, Self::validate)
     }
 
     #[must_use]
@@ -155,7 +103,7 @@ impl KeypointManifest {
         })
     }
 
-    fn validate(&self) -> Result<(), (&'static str, String)> {
+    fn validate(&self) -> Result<(), Invalid> {
         check_name(&self.name).map_err(|problem| ("name", problem))?;
         self.symmetries().map_err(|error| match error {
             SymmetryError::Motion { .. } | SymmetryError::NotFinite => ("symmetries_discrete", error.to_string()),
@@ -186,6 +134,7 @@ impl KeypointManifest {
         if !(16..=1024).contains(&self.input.size) {
             return Err(("input.size", format!("is {}; it must lie between 16 and 1024", self.input.size)));
         }
+        input::check(self.input.layout, self.input.dtype, self.input.mean, self.input.std)?;
         if self.covariance_scale.len() != count {
             let given = self.covariance_scale.len();
             return Err(("covariance_scale", format!("has {given} factors for {count} keypoints")));
@@ -195,68 +144,4 @@ impl KeypointManifest {
         }
         Ok(())
     }
-}
-
-impl DetectorManifest {
-    /// Reads and checks `detector.json`.
-    ///
-    /// # Errors
-    /// [`ManifestError`] names the file and the field.
-    pub fn read(path: &Path) -> Result<Self, ManifestError> {
-        let manifest: Self = read_json(path)?;
-        manifest.validate().map_err(|(field, problem)| ManifestError::Field { path: path.into(), field, problem })?;
-        Ok(manifest)
-    }
-
-    fn validate(&self) -> Result<(), (&'static str, String)> {
-        if self.labels.is_empty() {
-            return Err(("labels", "is empty; name the object of each class".into()));
-        }
-        for label in &self.labels {
-            check_name(label).map_err(|problem| ("labels", problem))?;
-        }
-        if !(0.0..1.0).contains(&self.score_threshold) {
-            return Err(("score_threshold", format!("is {}; it must lie between 0 and 1", self.score_threshold)));
-        }
-        for (field, side) in [("input.width", self.input.width), ("input.height", self.input.height)] {
-            if !(32..=2048).contains(&side) {
-                return Err((field, format!("is {side}; it must lie between 32 and 2048")));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Reads a model file and checks it against the hash that its manifest states.
-pub(super) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>, ManifestError> {
-    let bytes = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
-    let found = hex(&Sha256::digest(&bytes));
-    if !found.eq_ignore_ascii_case(stated) {
-        return Err(ManifestError::Hash { path: path.into(), stated: stated.into(), found });
-    }
-    Ok(bytes)
-}
-
-/// Object names become file names and URL parts.
-pub(super) fn check_name(name: &str) -> Result<(), String> {
-    let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-    if (1..=64).contains(&name.len()) && name.chars().all(allowed) {
-        Ok(())
-    } else {
-        Err(format!("contains {name:?}; names have 1 to 64 letters, digits, '_' or '-'"))
-    }
-}
-
-pub(crate) fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
-    let text = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
-    serde_json::from_slice(&text).map_err(|source| ManifestError::Json { path: path.into(), source })
-}
-
-fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

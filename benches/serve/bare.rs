@@ -1,0 +1,50 @@
+//! The networks alone.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use posed::model::{Input, Library, Networks, Provider, Runtime};
+
+pub struct BareLoop {
+    networks: Networks,
+    detector: ([usize; 4], Vec<u8>),
+    /// Index of the network, shape and pixels of its batch.
+    keypoints: Vec<(usize, [usize; 4], Vec<u8>)>,
+}
+
+impl BareLoop {
+    /// With as many crops of each object as the service cuts.
+    pub fn new(boxes: &[(String, usize)]) -> Self {
+        let library = Library::load(Path::new("models")).unwrap();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let networks = Networks::load(&library, &Runtime::load(Provider::Cpu, threads).unwrap()).unwrap();
+        let input = &library.detector.manifest.input;
+        let shape = [1, input.height as usize, input.width as usize, 3];
+        let keypoints = boxes.iter().map(|(name, count)| {
+            let of_name = |object: &posed::model::ObjectModel| object.manifest.name == *name;
+            let index = library.objects.iter().position(|object| object.as_ref().is_some_and(of_name)).unwrap();
+            let manifest = &library.objects[index].as_ref().unwrap().manifest;
+            let side = manifest.input.size as usize;
+            let shape = [count * manifest.crop_ensemble.len(), side, side, 3];
+            (index, shape, vec![114; shape.iter().product()])
+        });
+        Self { keypoints: keypoints.collect(), detector: (shape, vec![114; shape.iter().product()]), networks }
+    }
+
+    /// Milliseconds of each pass within a time.
+    pub fn run(&mut self, time: Duration) -> Vec<f64> {
+        let end = Instant::now() + time;
+        let mut times = Vec::new();
+        while Instant::now() < end {
+            let start = Instant::now();
+            let (shape, values) = &self.detector;
+            self.networks.detector.run(Input::Bytes { shape: *shape, values }).unwrap();
+            for (index, shape, values) in &self.keypoints {
+                let network = self.networks.keypoints[*index].as_mut().unwrap();
+                network.run(Input::Bytes { shape: *shape, values }).unwrap();
+            }
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        times
+    }
+}

@@ -1,0 +1,156 @@
+//! The service against a bare loop over its networks, and at twice its capacity. Writes a table in Markdown to the path
+//! in `POSED_BENCH_OUT`, or prints it.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed measurement is no measurement")]
+
+mod bare;
+mod load;
+mod process;
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use bare::BareLoop;
+use load::{Overload, closed_loop, one_by_one, overload};
+use process::Server;
+
+const SAMPLE: &str = "samples/sample-3.jpg";
+const ROUNDS: usize = 7;
+const ROUND: Duration = Duration::from_secs(5);
+const OVERLOAD: Duration = Duration::from_mins(1);
+/// Enough to keep every stage busy, and no more than the queue holds.
+const CLIENTS: usize = 8;
+
+fn main() {
+    std::env::set_current_dir(env!("CARGO_MANIFEST_DIR")).unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    runtime.block_on(measure());
+}
+
+async fn measure() {
+    let image = std::fs::read(SAMPLE).unwrap();
+    let mut starts: Vec<f64> = Vec::new();
+    for _ in 0..5 {
+        starts.push(Server::start().await.started_s);
+    }
+    let server = Server::start().await;
+    let answer = server.post(image.clone()).await;
+    let idle = server.idle_cpu_percent().await;
+    let rss_start = server.rss_mib();
+
+    let mut bare = BareLoop::new(&boxes_by_object(&answer));
+    let (mut bare_ms, mut alone_ms, mut stages) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut bare_rates, mut rates) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        let times = bare.run(ROUND);
+        bare_rates.push(times.len() as f64 / ROUND.as_secs_f64());
+        bare_ms.extend(times);
+        rates.push(closed_loop(&server, &image, CLIENTS, ROUND).await);
+        let (latencies, timings) = one_by_one(&server, &image, ROUND).await;
+        alone_ms.extend(latencies);
+        stages.extend(timings);
+    }
+    let capacity = median(&rates);
+    let over = overload(&server, &image, 2.0 * capacity, OVERLOAD).await;
+    let report = Report { starts, idle, rss_start, bare_ms, alone_ms, stages, bare_rates, rates, over, answer };
+    let text = report.text();
+    print!("{text}");
+    if let Some(path) = std::env::var_os("POSED_BENCH_OUT") {
+        std::fs::write(Path::new(&path), text).unwrap();
+    }
+}
+
+/// How many boxes of each object go through its keypoint net.
+fn boxes_by_object(answer: &Value) -> Vec<(String, usize)> {
+    let mut boxes: Vec<(String, usize)> = Vec::new();
+    for pose in answer["poses"].as_array().unwrap() {
+        let name = pose["object"].as_str().unwrap();
+        match boxes.iter_mut().find(|(object, _)| object == name) {
+            Some((_, count)) => *count += 1,
+            None => boxes.push((name.to_owned(), 1)),
+        }
+    }
+    boxes
+}
+
+struct Report {
+    starts: Vec<f64>,
+    idle: f64,
+    rss_start: f64,
+    bare_ms: Vec<f64>,
+    alone_ms: Vec<f64>,
+    stages: Vec<Value>,
+    bare_rates: Vec<f64>,
+    rates: Vec<f64>,
+    over: Overload,
+    answer: Value,
+}
+
+impl Report {
+    fn text(&self) -> String {
+        let boxes: usize = boxes_by_object(&self.answer).iter().map(|(_, count)| count).sum();
+        let (rate, bare_rate) = (median(&self.rates), median(&self.bare_rates));
+        let (alone, bare) = (median(&self.alone_ms), median(&self.bare_ms));
+        let mut text = String::new();
+        let line = |text: &mut String, name: &str, value: String| writeln!(text, "| {name} | {value} |").unwrap();
+        writeln!(
+            text,
+            "# Serving\n\n`make bench-serve`: the real server and its clients share {} cores. One 640x480 JPEG with {boxes} detected boxes, \
+             one worker; bare loop and service take turns in {ROUNDS} rounds of {} s each; medians. The bare loop runs the same \
+             sessions on the same shapes with the same threads, and does nothing else.\n\n| | |\n|---|---|",
+            std::thread::available_parallelism().map_or(0, usize::from),
+            ROUND.as_secs()
+        )
+        .unwrap();
+        line(&mut text, "bare loop over the networks, images/s", format!("{bare_rate:.2}"));
+        line(&mut text, &format!("`POST /v1/poses`, {CLIENTS} clients, images/s"), format!("{rate:.2}"));
+        line(&mut text, "ratio", format!("**{:.3}**", rate / bare_rate));
+        line(&mut text, "bare loop, ms an image", format!("{bare:.2}"));
+        line(&mut text, "one client, ms an image", format!("{alone:.2}"));
+        line(&mut text, "difference: everything but the networks, ms", format!("**{:.2}**", alone - bare));
+        for stage in ["decode", "detect", "keypoints", "pose", "queue"] {
+            let times: Vec<f64> = self.stages.iter().map(|timings| timings[stage].as_f64().unwrap()).collect();
+            line(&mut text, &format!("stage `{stage}`, ms"), format!("{:.2}", median(&times)));
+        }
+        line(&mut text, "start to ready, s", format!("{:.2}", median(&self.starts)));
+        line(&mut text, "idle, % of a core", format!("{:.2}", self.idle));
+        line(&mut text, "resident memory after the first answer, MiB", format!("{:.0}", self.rss_start));
+        let over = &self.over;
+        let goodput = over.answered as f64 / OVERLOAD.as_secs_f64();
+        writeln!(
+            text,
+            "\n## Twice the capacity\n\n{:.1} requests/s for {} s, sent at fixed times whatever the server does.\n\n| | |\n|---|---|",
+            over.rate,
+            OVERLOAD.as_secs()
+        )
+        .unwrap();
+        line(&mut text, "answered, images/s", format!("{goodput:.2}"));
+        line(&mut text, "share of the capacity", format!("**{:.3}**", goodput / rate));
+        line(&mut text, "refused with 429", over.refused_ms.len().to_string());
+        line(&mut text, "any other outcome", over.others.to_string());
+        line(&mut text, "refusal, p50 / p99 / most, ms", spread(&over.refused_ms));
+        line(&mut text, "answer, p50 / p99 / most, ms", spread(&over.answered_ms));
+        let bound = 17.0 / rate * 1e3;
+        line(&mut text, "a full queue of 16 takes, ms", format!("{bound:.0}"));
+        line(&mut text, "resident memory, first and last quarter, MiB", format!("{:.0} / {:.0}", over.rss_early, over.rss_late));
+        text
+    }
+}
+
+fn median(values: &[f64]) -> f64 {
+    quantile(values, 0.5)
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
+}
+
+fn spread(values: &[f64]) -> String {
+    format!("{:.1} / {:.1} / {:.1}", median(values), quantile(values, 0.99), quantile(values, 1.0))
+}

@@ -1,0 +1,169 @@
+use std::time::Duration;
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use thiserror::Error;
+
+use crate::geometry::{Camera, CameraError, Covariance6, Pose};
+use crate::model::RuntimeError;
+use crate::pnp::{PnpError, Status, Verdict};
+use crate::vision::{BoundingBox, ResampleError};
+
+/// An image that cannot be estimated from.
+#[derive(Clone, Debug, Error)]
+pub enum EstimateError {
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    #[error(transparent)]
+    Resample(#[from] ResampleError),
+    #[error(transparent)]
+    Abandoned(#[from] Abandoned),
+}
+
+/// Nobody waits for the answer any more.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum Abandoned {
+    #[error("the request's time is over; give it more, or send fewer at once")]
+    Expired,
+    #[error("the caller has gone")]
+    Cancelled,
+}
+
+/// An image that an object's offset cannot be measured on.
+#[derive(Clone, Debug, Error)]
+pub enum MeasureError {
+    #[error(transparent)]
+    Estimate(#[from] EstimateError),
+    #[error(transparent)]
+    Solve(#[from] PnpError),
+    #[error("there is no object {0:?}")]
+    UnknownObject(String),
+    #[error("the detector does not see the object; state its box ('box_px'), or choose an image that shows it better")]
+    NotSeen,
+    #[error("the detector sees the object more than once; state the box ('box_px') of the one whose pose is known")]
+    SeveralSeen,
+    #[error(
+        "only {agreeing} of {keypoints} keypoints agree in this image; choose one that shows the object larger and \
+         unoccluded"
+    )]
+    FewInliers { agreeing: usize, keypoints: usize },
+}
+
+/// Which poses the caller wants.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// Names of objects; all calibrated ones where there is no list.
+    pub objects: Option<Vec<String>>,
+    /// At most so many of each object, the most trusted first.
+    pub max_instances: Option<usize>,
+    /// Poses with less [`ObjectPose::confidence`] are left out, 0..1.
+    pub min_confidence: f64,
+}
+
+impl Selection {
+    /// All calibrated objects.
+    pub const ALL: Self = Self { objects: None, max_instances: None, min_confidence: 0.0 };
+
+    pub(super) fn wants(&self, object: &str) -> bool {
+        self.objects.as_ref().is_none_or(|names| names.iter().any(|name| name == object))
+    }
+}
+
+/// What the detector saw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detection {
+    /// Index of the class, and of the object in the library.
+    pub object: usize,
+    /// Box of the visible part, image pixels.
+    pub bounding_box: BoundingBox,
+    /// 0..1.
+    pub score: f64,
+}
+
+/// What a keypoint net says, in image pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KeypointPrediction {
+    pub pixels: Vec<Vector2<f64>>,
+    /// Calibrated 2x2 covariances, px².
+    pub covariances: Vec<Matrix2<f64>>,
+    /// Probability mass about each keypoint, 0..1.
+    pub peaks: Vec<f64>,
+}
+
+/// One detected object with its pose.
+#[derive(Clone, Debug)]
+pub struct ObjectPose {
+    pub object: String,
+    pub verdict: Verdict,
+    pub detection: Detection,
+    /// `None` when no pose could be solved at all.
+    pub pose: Option<SolvedPose>,
+    /// The object's extent, metres: for pictures.
+    pub diameter_m: f64,
+}
+
+impl ObjectPose {
+    /// The weakest link, 0..1: the smallest of the detector's score, the share of keypoints that agree with the pose, and
+    /// the pose's weight among its alternatives; 0 where the pose is rejected. An order among answers, not a probability.
+    #[must_use]
+    pub fn confidence(&self) -> f64 {
+        let trusted = self.pose.as_ref().filter(|_| self.verdict.status != Status::Rejected);
+        trusted.map_or(0.0, |solved| {
+            let agreeing = solved.inlier_count() as f64 / solved.keypoints.len().max(1) as f64;
+            self.detection.score.min(agreeing).min(solved.weight)
+        })
+    }
+}
+
+/// A pose in the user's frame.
+#[derive(Clone, Debug)]
+pub struct SolvedPose {
+    pub camera_from_object: Pose,
+    pub covariance: Covariance6,
+    pub reprojection_rmse_px: f64,
+    pub keypoints: Vec<SolvedKeypoint>,
+    /// Other poses with their posterior weights.
+    pub alternatives: Vec<(Pose, f64)>,
+    /// Posterior weight of this pose among the alternatives.
+    pub weight: f64,
+    /// Corners of the box that the virtual keypoints span, in the camera's frame, metres; bit k of the index is axis k.
+    pub box_in_camera: [Vector3<f64>; 8],
+}
+
+impl SolvedPose {
+    /// Number of keypoints that the pose rests on.
+    #[must_use]
+    pub fn inlier_count(&self) -> usize {
+        self.keypoints.iter().filter(|keypoint| keypoint.inlier).count()
+    }
+}
+
+/// One keypoint of a solved pose.
+#[derive(Clone, Copy, Debug)]
+pub struct SolvedKeypoint {
+    /// Where the network sees it, image pixels.
+    pub pixel: Vector2<f64>,
+    /// Probability mass about it, 0..1.
+    pub peak: f64,
+    /// Distance from the pose's projection, pixels.
+    pub residual_px: f64,
+    pub inlier: bool,
+}
+
+/// Time spent in each stage. Images that were worked on together share the time of the keypoint nets.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Timings {
+    pub detect: Duration,
+    pub keypoints: Duration,
+    pub pose: Duration,
+}
+
+/// The answer to one image.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    pub poses: Vec<ObjectPose>,
+    /// The camera of this image: scaled, where the image is the camera's image resized.
+    pub camera: Camera,
+    pub timings: Timings,
+}

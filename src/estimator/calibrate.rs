@@ -1,0 +1,65 @@
+use thiserror::Error;
+
+use super::answer::MeasureError;
+use crate::calibration::{AverageError, Consensus, Mode, Offset, average};
+use crate::geometry::{Camera, Pose};
+use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
+use crate::pnp::Solution;
+use crate::vision::BoundingBox;
+
+/// A reference with fewer agreeing keypoints would spoil every later answer.
+const MIN_INLIERS: usize = 5;
+
+/// What one reference image gives.
+pub struct MeasuredView {
+    /// File name of the image beside the reference.
+    pub file: String,
+    pub camera: Camera,
+    pub camera_from_object: Pose,
+    pub region: BoundingBox,
+    /// Pose of the virtual keypoints in this image.
+    pub solution: Solution,
+}
+
+/// References that no offset follows from.
+#[derive(Debug, Error)]
+pub enum CalibrateError {
+    #[error("{file}: {source}")]
+    Measure { file: String, source: MeasureError },
+    #[error(transparent)]
+    Average(#[from] AverageError),
+}
+
+/// The offset of an object from what its reference images give.
+///
+/// # Errors
+/// When an image is too weak, or the images contradict each other.
+pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> Result<Reference, CalibrateError> {
+    for view in &views {
+        let (agreeing, keypoints) = (view.solution.inlier_count(), view.solution.residuals().len());
+        if agreeing < MIN_INLIERS {
+            let source = MeasureError::FewInliers { agreeing, keypoints };
+            return Err(CalibrateError::Measure { file: view.file.clone(), source });
+        }
+    }
+    let measured = |v: &MeasuredView| Offset::measure(&v.camera_from_object, &v.solution.pose, &v.solution.covariance);
+    let offsets: Vec<Offset> = views.iter().map(measured).collect();
+    let averaged = average(&offsets, mode, &Consensus::default())?;
+    let method = Method::of(views.len(), mode);
+    let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
+        image: view.file,
+        camera: view.camera,
+        camera_from_object: PoseFile::from(&view.camera_from_object),
+        box_px: [view.region.x, view.region.y, view.region.width, view.region.height],
+        inlier: residual.inlier,
+        residual_deg: residual.rotation_rad.to_degrees(),
+        residual_mm: 1e3 * residual.translation_m,
+    });
+    Ok(Reference {
+        object: model.manifest.name.clone(),
+        keypoint_model_sha256: model.manifest.model_sha256.clone(),
+        method,
+        views: views.collect(),
+        offset: averaged.offset,
+    })
+}

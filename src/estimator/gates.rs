@@ -1,0 +1,127 @@
+//! From keypoints to a pose that a robot can trust, or a reason why not.
+
+use nalgebra::Vector3;
+
+use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
+use super::keypoints::solve;
+use crate::calibration::Offset;
+use crate::geometry::{Camera, Covariance6, Pose, covariance_about};
+use crate::model::{KeypointManifest, ObjectModel};
+use crate::pnp::{self, Reason, Solution, Status, Verdict};
+use crate::vision::BoundingBox;
+
+/// A median peak (probability mass about a keypoint) below this says that the network is guessing.
+const MIN_MEDIAN_PEAK: f64 = 0.25;
+/// Alternatives with less posterior weight are not worth a robot's time.
+const MIN_ALTERNATIVE_WEIGHT: f64 = 1e-3;
+/// Reprojection error above this, in larger box sides, contradicts the pose.
+const MAX_RMSE: f64 = 0.06;
+/// A pose is loose when its translation's standard deviation passes this share of the object's diameter ...
+const MAX_SIGMA_TRANSLATION: f64 = 0.25;
+/// ... or its rotation's passes this angle.
+const MAX_SIGMA_ROTATION_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// The pose's centre may lie this far from the box's centre, in larger box sides.
+const MAX_CENTRE_SHIFT: f64 = 0.5;
+/// Larger box side over the object's extent at the pose's depth: smaller when foreshortened or occluded.
+const BOX_TO_EXTENT: std::ops::RangeInclusive<f64> = 0.2..=1.6;
+
+pub(super) fn object_pose(
+    model: &ObjectModel,
+    offset: &Offset,
+    detection: Detection,
+    prediction: &KeypointPrediction,
+    camera: &Camera,
+) -> ObjectPose {
+    let manifest = &model.manifest;
+    let answer = |verdict, pose| ObjectPose {
+        object: manifest.name.clone(),
+        verdict,
+        detection,
+        pose,
+        diameter_m: manifest.diameter_m,
+    };
+    let options = pnp::Options { max_sigma_rotation_rad: MAX_SIGMA_ROTATION_RAD, ..pnp::Options::default() };
+    let Ok(solution) = solve(manifest, prediction, camera, &options) else {
+        let mut verdict = Verdict::default();
+        verdict.object(Reason::NoPose, Status::Rejected);
+        return answer(verdict, None);
+    };
+    let pose = solved_pose(model, offset, &solution, prediction);
+    let mut verdict = solution.verdict;
+    if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
+        verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
+    }
+    if !agrees_with_box(&solution.pose, manifest.diameter_m, &detection.bounding_box, camera) {
+        verdict.object(Reason::BoxMismatch, Status::Rejected);
+    }
+    if pose.reprojection_rmse_px > MAX_RMSE * detection.bounding_box.extent() {
+        // Wide covariances excuse such residuals, but no pose follows from them.
+        verdict.object(Reason::HighResidual, Status::Rejected);
+    }
+    if is_loose(&pose.covariance, manifest.diameter_m) {
+        verdict.object(Reason::UncertainPose, Status::LowConfidence);
+    }
+    answer(verdict, Some(pose))
+}
+
+fn solved_pose(
+    model: &ObjectModel,
+    offset: &Offset,
+    solution: &Solution,
+    prediction: &KeypointPrediction,
+) -> SolvedPose {
+    let in_user_frame = |pose: &Pose, covariance: &Covariance6| {
+        let (pose, covariance) = offset.apply(pose, covariance);
+        let canonical = model.symmetries.canonical(&pose);
+        (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
+    };
+    let (camera_from_object, covariance) = in_user_frame(&solution.pose, &solution.covariance);
+    let alternatives = solution.alternatives.iter().flatten().filter(|a| a.weight > MIN_ALTERNATIVE_WEIGHT);
+    let keypoints = prediction.pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
+    SolvedPose {
+        camera_from_object,
+        covariance,
+        reprojection_rmse_px: solution.rmse_px(),
+        keypoints: keypoints
+            .map(|((pixel, peak), residual)| SolvedKeypoint {
+                pixel: *pixel,
+                peak: *peak,
+                residual_px: residual.error_px.norm(),
+                inlier: residual.inlier,
+            })
+            .collect(),
+        alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
+        weight: solution.weight,
+        box_in_camera: corners(&model.manifest).map(|corner| solution.pose.transform(&corner)),
+    }
+}
+
+/// Corners of the box that the virtual keypoints span; bit k of the index is axis k.
+fn corners(manifest: &KeypointManifest) -> [Vector3<f64>; 8] {
+    let points = manifest.keypoints();
+    let low = points.iter().fold(points[0], |low, point| low.inf(point));
+    let high = points.iter().fold(points[0], |high, point| high.sup(point));
+    std::array::from_fn(|index| Vector3::from_fn(|axis, _| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }))
+}
+
+/// Whether the keypoints' centre lies in the detector's box and the object is as large as the box shows.
+fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &BoundingBox, camera: &Camera) -> bool {
+    let centre = camera_from_keypoints.translation();
+    camera.project(centre).is_ok_and(|pixel| {
+        let shift = (pixel - region.centre()).norm() / region.extent();
+        let extent_px = camera.focal().mean() * diameter_m / centre.z;
+        shift < MAX_CENTRE_SHIFT && BOX_TO_EXTENT.contains(&(region.extent() / extent_px))
+    })
+}
+
+/// Whether a robot should not act on a pose with this covariance.
+fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
+    let sigma = |first: usize| covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
+    sigma(0) > MAX_SIGMA_TRANSLATION * diameter_m || sigma(3) > MAX_SIGMA_ROTATION_RAD
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}

@@ -1,0 +1,125 @@
+//! One request on its way through the queue, with the way back.
+
+use std::time::{Duration, Instant};
+
+use image::RgbImage;
+use thiserror::Error;
+use tokio::sync::{OwnedSemaphorePermit, oneshot};
+
+use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
+use crate::geometry::Camera;
+use crate::pnp::Solution;
+use crate::vision::{BoundingBox, DecodeError};
+
+/// One image to estimate poses from.
+#[derive(Clone, Debug)]
+pub struct Work {
+    /// Encoded image.
+    pub image: Vec<u8>,
+    pub camera: Camera,
+    pub selection: Selection,
+    /// Give the pixels back with the answer: for a picture of it.
+    pub keep_image: bool,
+    /// After this nobody waits any more.
+    pub deadline: Instant,
+}
+
+/// A reference image to solve one object's keypoints in.
+#[derive(Clone, Debug)]
+pub struct ReferenceWork {
+    /// Encoded image.
+    pub image: Vec<u8>,
+    pub camera: Camera,
+    pub object: String,
+    /// The object's box; the detector's where there is none.
+    pub region: Option<BoundingBox>,
+    pub deadline: Instant,
+}
+
+/// An estimate with what the way to it cost.
+#[derive(Debug)]
+pub struct Answer {
+    pub estimate: Estimate,
+    pub width: u32,
+    pub height: u32,
+    /// EXIF orientation that the image stated, 1..=8.
+    pub exif_orientation: u8,
+    /// The size that the camera was calibrated for, where it was scaled to this image's.
+    pub camera_scaled_from: Option<(u32, u32)>,
+    /// The pixels, where they were asked for.
+    pub image: Option<RgbImage>,
+    /// Images that were worked on together, this one included.
+    pub batch_size: usize,
+    pub queued: Duration,
+    pub decode: Duration,
+    pub total: Duration,
+}
+
+/// Why there is no estimate.
+#[derive(Debug, Error)]
+pub enum QueueError {
+    #[error("{limit} images are waiting already ('queue'); try again in a moment")]
+    Full { limit: usize },
+    #[error("{limit} bytes of images are waiting already ('queue_bytes'); try again in a moment")]
+    FullBytes { limit: usize },
+    #[error("the server is shutting down")]
+    Closed,
+    #[error(transparent)]
+    Abandoned(#[from] Abandoned),
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    #[error(transparent)]
+    Estimate(#[from] EstimateError),
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    #[error("the estimator failed on this image; the fault is logged")]
+    Crashed,
+}
+
+/// What is wanted of an image, and where it goes.
+pub(super) enum Task {
+    Poses { selection: Selection, keep_image: bool, reply: oneshot::Sender<Result<Answer, QueueError>> },
+    Reference { object: String, region: Option<BoundingBox>, reply: oneshot::Sender<Result<Solved, QueueError>> },
+}
+
+/// A reference image's box and keypoint pose.
+pub type Solved = (BoundingBox, Solution);
+
+/// Admitted: from here on it holds a place in the queue until it is dropped.
+pub(super) struct Job {
+    pub image: Vec<u8>,
+    pub camera: Camera,
+    pub task: Task,
+    pub deadline: Instant,
+    pub arrived: Instant,
+    pub _place: OwnedSemaphorePermit,
+    pub _bytes: OwnedSemaphorePermit,
+}
+
+impl Job {
+    /// Whether somebody still waits for the answer.
+    pub(super) fn wanted(&self) -> Result<(), Abandoned> {
+        let gone = match &self.task {
+            Task::Poses { reply, .. } => reply.is_closed(),
+            Task::Reference { reply, .. } => reply.is_closed(),
+        };
+        if Instant::now() >= self.deadline {
+            Err(Abandoned::Expired)
+        } else if gone {
+            Err(Abandoned::Cancelled)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Answers with an error. The place in the queue is free before the caller knows.
+    pub(super) fn fail(self, error: QueueError) {
+        let Self { task, _place, _bytes, .. } = self;
+        drop((_place, _bytes));
+        // A caller that has left meanwhile is no fault.
+        match task {
+            Task::Poses { reply, .. } => drop(reply.send(Err(error))),
+            Task::Reference { reply, .. } => drop(reply.send(Err(error))),
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Crops through a keypoint net, and back to image pixels.
+
+use std::ops::Range;
+
+use fast_image_resize::Resizer;
+use image::RgbImage;
+use nalgebra::{Matrix2, Vector2};
+
+use super::answer::{EstimateError, KeypointPrediction};
+use crate::geometry::{Affine, Camera};
+use crate::model::{
+    Backend, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs, RuntimeError,
+};
+use crate::pnp::{self, PnpError, Solution};
+use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, find_peak, to_planes};
+
+/// Crops that go through a network at once: more bring no speed, but memory.
+const MAX_BATCH: usize = 32;
+
+/// The crops of one box, for one object's network.
+pub(super) struct Crops(Vec<Resampled>);
+
+/// Cuts the crops of one box: one, or those of the ensemble.
+pub(super) fn cut(
+    manifest: &KeypointManifest,
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: &BoundingBox,
+) -> Result<Crops, ResampleError> {
+    let scales = manifest.crop_ensemble.iter().map(|factor| factor * manifest.crop_scale);
+    scales
+        .map(|scale| crop_square(resizer, image, region, scale, manifest.input.size))
+        .collect::<Result<_, _>>()
+        .map(Crops)
+}
+
+/// The keypoints of many boxes, in a few runs of the network.
+pub(super) fn predict(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    boxes: &[Crops],
+) -> Result<Vec<KeypointPrediction>, RuntimeError> {
+    let crops: Vec<&Resampled> = boxes.iter().flat_map(|Crops(crops)| crops).collect();
+    let mut of_crops = Vec::with_capacity(crops.len());
+    for batch in crops.chunks(MAX_BATCH) {
+        let outputs = run(manifest, network, batch)?;
+        let raw = match manifest.output {
+            KeypointOutput::Keypoints => decoded(manifest, &outputs, batch.len())?,
+            KeypointOutput::Heatmaps => from_heatmaps(manifest, &outputs, batch.len())?,
+        };
+        of_crops.extend(batch.iter().zip(raw).map(|(crop, raw)| {
+            let image_from_crop = crop.crop_from_image.inverse();
+            in_image(&image_from_crop, raw, &manifest.covariance_scale)
+        }));
+    }
+    Ok(of_crops.chunks_exact(manifest.crop_ensemble.len()).map(average).collect())
+}
+
+fn run(manifest: &KeypointManifest, network: &mut dyn Network, crops: &[&Resampled]) -> Result<Outputs, RuntimeError> {
+    let side = manifest.input.size as usize;
+    let rgb: Vec<u8> = crops.iter().flat_map(|crop| crop.rgb.iter().copied()).collect();
+    match manifest.input.dtype {
+        ElementType::Uint8 => network.run(Input::Bytes { shape: [crops.len(), side, side, 3], values: &rgb }),
+        ElementType::Float32 => {
+            let normalisation = manifest.input.normalisation();
+            let planes = to_planes(&rgb, side * side, normalisation.mean, normalisation.std);
+            network.run(Input::Floats { shape: [crops.len(), 3, side, side], values: &planes })
+        }
+    }
+}
+
+/// One crop's keypoints, in crop pixels, with the network's own covariances.
+fn decoded(
+    manifest: &KeypointManifest,
+    outputs: &Outputs,
+    crops: usize,
+) -> Result<Vec<KeypointPrediction>, RuntimeError> {
+    let count = manifest.virtual_keypoints_m.len();
+    let expected = [
+        ("keypoints", vec![crops, count, 2]),
+        ("covariances", vec![crops, count, 2, 2]),
+        ("peaks", vec![crops, count]),
+    ];
+    let mut values: [&[f32]; 3] = [&[]; 3];
+    for (slot, (name, shape)) in values.iter_mut().zip(&expected) {
+        let output = outputs.named(name)?;
+        if &output.shape != shape {
+            return Err(outputs.error(name, format!("has shape {:?}, expected {shape:?}", output.shape)));
+        }
+        *slot = &output.values;
+    }
+    let [keypoints, covariances, peaks] = values;
+    let rows = |row: usize, width: usize| -> Range<usize> { row * count * width..(row + 1) * count * width };
+    let of_crop = |row: usize| KeypointPrediction {
+        pixels: keypoints[rows(row, 2)].chunks_exact(2).map(|uv| Vector2::new(uv[0], uv[1]).cast()).collect(),
+        covariances: covariances[rows(row, 4)].chunks_exact(4).map(|c| Matrix2::from_row_slice(c).cast()).collect(),
+        peaks: peaks[rows(row, 1)].iter().map(|peak| f64::from(*peak)).collect(),
+    };
+    Ok((0..crops).map(of_crop).collect())
+}
+
+fn from_heatmaps(
+    manifest: &KeypointManifest,
+    outputs: &Outputs,
+    crops: usize,
+) -> Result<Vec<KeypointPrediction>, RuntimeError> {
+    let output = outputs.first()?;
+    let count = manifest.virtual_keypoints_m.len();
+    let side = match output.shape[..] {
+        [b, n, rows, columns] if b == crops && n == count && rows == columns && rows > 0 => rows,
+        _ => {
+            let problem = format!("has shape {:?}, expected [{crops}, {count}, side, side]", output.shape);
+            return Err(outputs.error(&output.name, problem));
+        }
+    };
+    let of_crop = |maps: &[f32]| {
+        let mut raw = KeypointPrediction { pixels: Vec::new(), covariances: Vec::new(), peaks: Vec::new() };
+        for peak in maps.chunks_exact(side * side).map(|map| find_peak(map, side, f64::from(manifest.input.size))) {
+            raw.pixels.push(peak.position);
+            raw.covariances.push(peak.covariance);
+            raw.peaks.push(peak.mass);
+        }
+        raw
+    };
+    Ok(output.values.chunks_exact(count * side * side).map(of_crop).collect())
+}
+
+/// Maps one crop's keypoints to image pixels, and scales their covariances by what held-out images showed.
+fn in_image(image_from_crop: &Affine, mut raw: KeypointPrediction, covariance_scale: &[f64]) -> KeypointPrediction {
+    for pixel in &mut raw.pixels {
+        *pixel = image_from_crop.apply(pixel);
+    }
+    for (covariance, scale) in raw.covariances.iter_mut().zip(covariance_scale) {
+        *covariance = image_from_crop.apply_to_covariance(&(*covariance * *scale));
+    }
+    raw
+}
+
+/// The mean over the crops of one box. Covariances are averaged, not reduced: the crops show the same pixels, and what
+/// averaging gains is part of the factors fitted on held-out images.
+fn average(of_crops: &[KeypointPrediction]) -> KeypointPrediction {
+    let share = (of_crops.len() as f64).recip();
+    let count = of_crops[0].pixels.len();
+    let mut mean = KeypointPrediction {
+        pixels: vec![Vector2::zeros(); count],
+        covariances: vec![Matrix2::zeros(); count],
+        peaks: vec![0.0; count],
+    };
+    for crop in of_crops {
+        for k in 0..count {
+            mean.pixels[k] += crop.pixels[k] * share;
+            mean.covariances[k] += crop.covariances[k] * share;
+            mean.peaks[k] += crop.peaks[k] * share;
+        }
+    }
+    mean
+}
+
+/// The keypoints' pose, `camera_from_keypoints`.
+pub(super) fn solve(
+    manifest: &KeypointManifest,
+    prediction: &KeypointPrediction,
+    camera: &Camera,
+    options: &pnp::Options,
+) -> Result<Solution, PnpError> {
+    pnp::solve(&manifest.keypoints(), &prediction.pixels, &prediction.covariances, camera, options)
+}
+
+/// One object's keypoint net on its own: for calibration and evaluation with known boxes.
+pub struct KeypointSolver<'a> {
+    model: &'a ObjectModel,
+    network: Box<dyn Network>,
+    resizer: Resizer,
+}
+
+impl<'a> KeypointSolver<'a> {
+    /// # Errors
+    /// When the network cannot be run.
+    pub fn new(model: &'a ObjectModel, backend: &dyn Backend) -> Result<Self, RuntimeError> {
+        Ok(Self { model, network: model.network(backend)?, resizer: Resizer::new() })
+    }
+
+    /// Solves the pose of the object's virtual keypoints, `camera_from_keypoints`, within one box.
+    ///
+    /// # Errors
+    /// When the network fails on the box, or no pose fits its keypoints (inner result).
+    pub fn solve(
+        &mut self,
+        image: &RgbImage,
+        region: &BoundingBox,
+        camera: &Camera,
+    ) -> Result<Result<Solution, PnpError>, EstimateError> {
+        let camera = camera.for_image(image.width(), image.height())?;
+        let manifest = &self.model.manifest;
+        let crops = cut(manifest, &mut self.resizer, image, region)?;
+        let predictions = predict(manifest, self.network.as_mut(), &[crops])?;
+        Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
+    }
+}

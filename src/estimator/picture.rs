@@ -1,0 +1,28 @@
+use image::RgbImage;
+
+use super::answer::{Estimate, ObjectPose};
+use crate::pnp::Status;
+use crate::vision::{Mark, PoseMark, draw_marks};
+
+impl Estimate {
+    /// Draws what was found into the image it was found in: boxes in the colour of the status, axes, labels.
+    pub fn draw(&self, image: &mut RgbImage) {
+        let marks: Vec<Mark> = self.poses.iter().map(mark).collect();
+        draw_marks(image, &self.camera, &marks);
+    }
+}
+
+fn mark(found: &ObjectPose) -> Mark {
+    let (colour, suffix) = match found.verdict.status {
+        Status::Ok => ([60, 220, 90], ""),
+        Status::Ambiguous => ([250, 200, 40], " ambiguous"),
+        Status::LowConfidence => ([250, 130, 30], " low"),
+        Status::Rejected => ([230, 40, 40], " rejected"),
+    };
+    let pose = found.pose.as_ref().map(|solved| PoseMark {
+        camera_from_object: solved.camera_from_object,
+        axis_length_m: 0.5 * found.diameter_m,
+        corners: solved.box_in_camera,
+    });
+    Mark { bounding_box: found.detection.bounding_box, colour, label: format!("{}{suffix}", found.object), pose }
+}

@@ -1,0 +1,116 @@
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::manifest::{DetectorManifest, KeypointManifest, ManifestError, read_model};
+use super::network::{Backend, Network, RuntimeError};
+use super::reference::ReferenceError;
+use crate::geometry::{Symmetries, SymmetryError};
+
+/// Models that cannot be loaded.
+#[derive(Debug, Error)]
+pub enum LoadError {
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    #[error(transparent)]
+    Symmetries(#[from] SymmetryError),
+    #[error("{}: the folder is named {folder:?} but its manifest names the object {name:?}", path.display())]
+    Name { path: PathBuf, folder: String, name: String },
+    #[error("object {name:?} has no model: {} does not exist", path.display())]
+    NoModel { name: String, path: PathBuf },
+}
+
+/// The detector as it lies on disk, checked.
+pub struct DetectorModel {
+    pub manifest: DetectorManifest,
+    /// The file's path: for messages.
+    pub(super) name: String,
+    pub(super) bytes: Vec<u8>,
+}
+
+/// A keypoint net as it lies on disk, checked.
+pub struct ObjectModel {
+    pub manifest: KeypointManifest,
+    pub symmetries: Symmetries,
+    name: String,
+    bytes: Vec<u8>,
+}
+
+/// Every model, in memory: a worker makes its networks from it, and again after a fault.
+pub struct Library {
+    pub detector: DetectorModel,
+    /// One entry for each of the detector's classes; `None` where the class is no object or has no model folder.
+    pub objects: Vec<Option<ObjectModel>>,
+}
+
+impl Library {
+    /// Loads the detector, and the model of each of its classes that has a model folder. `folder` holds `detector/` and
+    /// one folder for each object.
+    ///
+    /// # Errors
+    /// [`LoadError`] names the file, and the field where there is one.
+    pub fn load(folder: &Path) -> Result<Self, LoadError> {
+        let manifest = DetectorManifest::read(&folder.join("detector/detector.json"))?;
+        let path = folder.join("detector/detector.onnx");
+        let bytes = read_model(&path, &manifest.model_sha256)?;
+        let objects = manifest
+            .labels
+            .iter()
+            .map(|label| {
+                let known = label.as_ref().filter(|label| folder.join(label).is_dir());
+                known.map(|label| ObjectModel::load(folder, label)).transpose()
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { detector: DetectorModel { manifest, name: path.display().to_string(), bytes }, objects })
+    }
+
+    /// The objects that have a keypoint net.
+    pub fn known(&self) -> impl Iterator<Item = &ObjectModel> {
+        self.objects.iter().flatten()
+    }
+
+    /// The object of a name.
+    #[must_use]
+    pub fn object(&self, name: &str) -> Option<&ObjectModel> {
+        self.known().find(|object| object.manifest.name == name)
+    }
+
+    /// Names of the detector's classes that have no model folder.
+    pub fn without_model(&self) -> impl Iterator<Item = &str> {
+        let labels = self.detector.manifest.labels.iter().zip(&self.objects);
+        labels.filter(|(_, object)| object.is_none()).filter_map(|(label, _)| label.as_deref())
+    }
+}
+
+impl ObjectModel {
+    /// Loads one object's model from `folder/<name>/`.
+    ///
+    /// # Errors
+    /// [`LoadError`] names the file, and the field where there is one.
+    pub fn load(folder: &Path, name: &str) -> Result<Self, LoadError> {
+        let folder = folder.join(name);
+        if !folder.is_dir() {
+            return Err(LoadError::NoModel { name: name.into(), path: folder });
+        }
+        let path = folder.join("object.json");
+        let manifest = KeypointManifest::read(&path)?;
+        if manifest.name != name {
+            return Err(LoadError::Name { path, folder: name.into(), name: manifest.name });
+        }
+        let path = folder.join("keypoints.onnx");
+        let bytes = read_model(&path, &manifest.model_sha256)?;
+        Ok(Self { symmetries: manifest.symmetries()?, manifest, name: path.display().to_string(), bytes })
+    }
+
+    /// The keypoint net, ready to run.
+    ///
+    /// # Errors
+    /// When it cannot be run.
+    pub fn network(&self, backend: &dyn Backend) -> Result<Box<dyn Network>, RuntimeError> {
+        backend.load(&self.name, &self.bytes)
+    }
+}

@@ -1,0 +1,155 @@
+//! `EstimateStream`: frames in, one response for each.
+
+use std::time::Instant;
+
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
+use tonic::{Code, Status, Streaming};
+
+use super::{estimate, observe};
+use crate::proto::estimate_stream_request::Kind;
+use crate::proto::estimate_stream_response::Result as FrameResult;
+use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings};
+use crate::server::App;
+
+const DEFAULT_WINDOW: u32 = 4;
+const MAX_WINDOW: u32 = 16;
+
+type Responses = mpsc::Sender<Result<EstimateStreamResponse, Status>>;
+
+/// One stream's frames.
+struct Frames {
+    app: App,
+    responses: Responses,
+    /// Frames in work. Dropped with a caller that leaves, and then no longer worked on.
+    in_work: JoinSet<()>,
+    /// With `latest_only`: the frame that comes next.
+    waiting: Option<Frame>,
+    latest_only: bool,
+    window: usize,
+    started: bool,
+}
+
+/// Serves one stream until its client closes it, leaves, or the server stops.
+pub(super) async fn run(
+    app: App,
+    mut requests: Streaming<EstimateStreamRequest>,
+    responses: Responses,
+    mut stopping: watch::Receiver<bool>,
+) {
+    let mut frames = Frames {
+        app,
+        responses: responses.clone(),
+        in_work: JoinSet::new(),
+        waiting: None,
+        latest_only: false,
+        window: DEFAULT_WINDOW as usize,
+        started: false,
+    };
+    let mut end = None;
+    while end.is_none() || frames.is_busy() {
+        tokio::select! {
+            // In the order in which frames come, the server reads no more than it works on.
+            request = requests.message(), if end.is_none() && frames.has_room() => match request {
+                Ok(Some(request)) => {
+                    if let Err(status) = frames.take(request).await {
+                        end = Some(Err(status));
+                    }
+                }
+                Ok(None) => end = Some(Ok(())),
+                Err(status) => end = Some(Err(status)),
+            },
+            Some(_) = frames.in_work.join_next() => frames.start_waiting(),
+            () = stopped(&mut stopping), if end.is_none() => {
+                end = Some(Err(Status::unavailable("the server is shutting down")));
+            }
+            () = responses.closed() => return,
+        }
+    }
+    if let Some(Err(status)) = end {
+        // A client that has left meanwhile is no fault.
+        let _ = responses.send(Err(status)).await;
+    }
+}
+
+/// Gives the guard of the flag back at once: it must not be held while the stream waits.
+async fn stopped(stopping: &mut watch::Receiver<bool>) {
+    // An error means that the sender is gone, and so is the program.
+    let _ = stopping.wait_for(|stop| *stop).await;
+}
+
+impl Frames {
+    fn is_busy(&self) -> bool {
+        !self.in_work.is_empty() || self.waiting.is_some()
+    }
+
+    fn has_room(&self) -> bool {
+        self.latest_only || self.in_work.len() < self.window
+    }
+
+    async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
+        match request.kind {
+            Some(Kind::Settings(settings)) => self.set(&settings),
+            Some(Kind::Frame(frame)) => {
+                self.started = true;
+                if self.in_work.len() < self.window {
+                    self.start(frame);
+                } else if let Some(replaced) = self.waiting.replace(frame) {
+                    let message = "replaced by a newer frame".to_owned();
+                    let result = FrameResult::Error(FrameError { code: Code::Aborted.into(), message });
+                    respond(&self.responses, replaced.frame_id, result).await;
+                }
+                Ok(())
+            }
+            None => Err(Status::invalid_argument("a message has neither 'settings' nor 'frame'")),
+        }
+    }
+
+    fn set(&mut self, settings: &StreamSettings) -> Result<(), Status> {
+        if self.started {
+            return Err(Status::invalid_argument("'settings' come once, before the first frame"));
+        }
+        if settings.window > MAX_WINDOW {
+            let window = settings.window;
+            return Err(Status::invalid_argument(format!(
+                "'window' is {window}; it must lie between 1 and {MAX_WINDOW}"
+            )));
+        }
+        self.started = true;
+        self.latest_only = settings.latest_only;
+        self.window = match (settings.latest_only, settings.window) {
+            (true, _) => 1,
+            (false, 0) => DEFAULT_WINDOW as usize,
+            (false, window) => window as usize,
+        };
+        Ok(())
+    }
+
+    fn start_waiting(&mut self) {
+        if let Some(frame) = self.waiting.take() {
+            self.start(frame);
+        }
+    }
+
+    fn start(&mut self, frame: Frame) {
+        let (app, responses) = (self.app.clone(), self.responses.clone());
+        self.in_work.spawn(async move {
+            let start = Instant::now();
+            let deadline = app.deadline(None);
+            let answer = estimate(&app, frame.request.unwrap_or_default(), deadline).await;
+            observe(&app, "EstimateStream", &answer, start);
+            let result = match answer {
+                Ok(answer) => FrameResult::Answer(answer),
+                Err(failure) => {
+                    FrameResult::Error(FrameError { code: failure.kind.grpc().into(), message: failure.message })
+                }
+            };
+            respond(&responses, frame.frame_id, result).await;
+        });
+    }
+}
+
+async fn respond(responses: &Responses, frame_id: u64, result: FrameResult) {
+    // A client that has left meanwhile is no fault.
+    let _ = responses.send(Ok(EstimateStreamResponse { frame_id, result: Some(result) })).await;
+}

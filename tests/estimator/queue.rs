@@ -1,0 +1,213 @@
+//! The bounded queue and its workers.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, Sender};
+use posed::estimator::{Abandoned, Queue, QueueConfig, QueueError, Selection, StartError, Work};
+use posed::model::{Input, RuntimeError};
+use posed::vision::DecodeOptions;
+
+use crate::script::{Manifests, Models, Script, batch_of, brightness, camera, end2end, keypoints, output, png};
+
+const CONFIG: QueueConfig = QueueConfig {
+    limit: 16,
+    limit_bytes: 1 << 20,
+    workers: 1,
+    max_batch: 8,
+    batch_delay: Duration::ZERO,
+    decode: DecodeOptions { max_side_px: 1000, max_pixels: 1_000_000, exif_orientation: posed::vision::OrientationPolicy::Refuse },
+};
+const LONG: Duration = Duration::from_mins(1);
+/// Images of this brightness are the script's cue; others, and the warm-up's, run through.
+const CUE: u8 = 77;
+
+fn work(brightness: u8, time: Duration) -> Work {
+    let selection = Selection::ALL;
+    Work { image: png(brightness), camera: camera(), selection, keep_image: false, deadline: Instant::now() + time }
+}
+
+fn start(config: QueueConfig, script: Script) -> Queue {
+    let models = Models::new(&Manifests::default(), script);
+    Queue::start(config, move || models.estimator()).unwrap().0
+}
+
+/// A detector that stops at each image of brightness [`CUE`]: it says that it has come there, and waits to be let on.
+fn gated() -> (Script, Receiver<()>, Sender<()>) {
+    let ((arrive, arrivals), (open, gate)) = (crossbeam_channel::unbounded(), crossbeam_channel::unbounded());
+    let detector = Arc::new(move |input: Input<'_>| {
+        if brightness(input) == CUE {
+            arrive.send(()).unwrap();
+            // A closed gate lets everything through.
+            let _ = gate.recv();
+        }
+        Ok(vec![end2end()])
+    });
+    (Script { detector, ..Script::default() }, arrivals, open)
+}
+
+/// Puts an image into the queue and comes back once it is there.
+async fn enqueue(queue: &Queue, work: Work) -> tokio::task::JoinHandle<Result<usize, QueueError>> {
+    let admitted = queue.stats().admitted.load(Ordering::Relaxed);
+    let (of_task, stats) = (queue.clone(), queue.clone());
+    let task = tokio::spawn(async move { of_task.estimate(work).await.map(|answer| answer.batch_size) });
+    while stats.stats().admitted.load(Ordering::Relaxed) == admitted {
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+    task
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_panic_is_answered_and_the_worker_comes_back() {
+    let script = Script {
+        detector: Arc::new(|input: Input<'_>| {
+            assert!(brightness(input) != CUE, "scripted fault");
+            Ok(vec![end2end()])
+        }),
+        ..Script::default()
+    };
+    let loads = Arc::clone(&script.loads);
+    let queue = start(CONFIG, script);
+    let loaded = loads.load(Ordering::Relaxed);
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert!(matches!(queue.estimate(work(CUE, LONG)).await, Err(QueueError::Crashed)));
+    for _ in 0..3 {
+        assert_eq!(queue.estimate(work(10, LONG)).await.unwrap().estimate.poses.len(), 1);
+    }
+    assert_eq!(queue.stats().worker_restarts.load(Ordering::Relaxed), 1);
+    assert_eq!(loads.load(Ordering::Relaxed), 2 * loaded, "the networks were loaded again");
+    assert_eq!(queue.depth(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_network_that_fails_spoils_only_the_images_that_need_it() {
+    let failing = || RuntimeError::Run { name: "scripted".into(), reason: "no memory".into() };
+    let detector = Arc::new(|input: Input<'_>| {
+        let nothing = output("detections", &[1, 0, 6], Vec::new());
+        Ok(vec![if brightness(input) == 10 { nothing } else { end2end() }])
+    });
+    let keypoints_net = Arc::new(move |input: Input<'_>| {
+        if brightness(input) == CUE { Err(failing()) } else { Ok(keypoints(batch_of(input))) }
+    });
+    let queue = start(CONFIG, Script { detector, keypoints: keypoints_net, ..Script::default() });
+    let message = queue.estimate(work(CUE, LONG)).await.unwrap_err().to_string();
+    assert!(message.contains("no memory"), "{message}");
+    assert!(queue.estimate(work(10, LONG)).await.unwrap().estimate.poses.is_empty());
+    assert_eq!(queue.estimate(work(20, LONG)).await.unwrap().estimate.poses.len(), 1);
+    assert_eq!(queue.stats().worker_restarts.load(Ordering::Relaxed), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_queue_is_bounded_by_count() {
+    let (script, arrivals, gate) = gated();
+    let queue = start(QueueConfig { limit: 3, ..CONFIG }, script);
+    let mut waiting = Vec::new();
+    for _ in 0..3 {
+        waiting.push(enqueue(&queue, work(CUE, LONG)).await);
+    }
+    arrivals.recv().unwrap();
+    assert!(matches!(queue.estimate(work(10, LONG)).await, Err(QueueError::Full { limit: 3 })));
+    drop(gate);
+    for task in waiting {
+        assert!(task.await.unwrap().is_ok());
+    }
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert_eq!(queue.stats().refused.load(Ordering::Relaxed), 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_queue_is_bounded_by_bytes() {
+    let (script, arrivals, gate) = gated();
+    let size = png(CUE).len();
+    let queue = start(QueueConfig { limit_bytes: 2 * size + size / 2, ..CONFIG }, script);
+    let first = enqueue(&queue, work(CUE, LONG)).await;
+    let second = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    assert!(matches!(queue.estimate(work(CUE, LONG)).await, Err(QueueError::FullBytes { .. })));
+    drop(gate);
+    assert!(first.await.unwrap().is_ok() && second.await.unwrap().is_ok());
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+}
+
+/// While the worker is busy one image is prepared; those behind it are worked on together, and all their crops go
+/// through the keypoint net at once.
+#[tokio::test(flavor = "multi_thread")]
+async fn waiting_images_are_worked_on_together() {
+    let (script, arrivals, gate) = gated();
+    let batches = Arc::new(Mutex::new(Vec::new()));
+    let of_net = Arc::clone(&batches);
+    let keypoints_net = Arc::new(move |input: Input<'_>| {
+        of_net.lock().unwrap().push(batch_of(input));
+        Ok(keypoints(batch_of(input)))
+    });
+    let queue = start(CONFIG, Script { keypoints: keypoints_net, ..script });
+    batches.lock().unwrap().clear(); // the warm-up's
+    let mut tasks = vec![enqueue(&queue, work(CUE, LONG)).await];
+    arrivals.recv().unwrap();
+    for _ in 0..4 {
+        tasks.push(enqueue(&queue, work(10, LONG)).await);
+    }
+    drop(gate);
+    let mut sizes = Vec::new();
+    for task in tasks {
+        sizes.push(task.await.unwrap().unwrap());
+    }
+    assert_eq!(sizes, [1, 1, 3, 3, 3]);
+    assert_eq!(*batches.lock().unwrap(), [1, 1, 3]);
+}
+
+/// The caller is answered at its deadline although the worker is stuck, and its image is not worked on afterwards.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_holds_whatever_the_worker_does() {
+    let (script, arrivals, gate) = gated();
+    let runs = Arc::new(AtomicUsize::new(0));
+    let (of_net, inner) = (Arc::clone(&runs), Arc::clone(&script.detector));
+    let detector = Arc::new(move |input: Input<'_>| {
+        of_net.fetch_add(1, Ordering::Relaxed);
+        inner(input)
+    });
+    let queue = start(CONFIG, Script { detector, ..script });
+    let stuck = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    let before = runs.load(Ordering::Relaxed);
+    let hurried = queue.estimate(work(10, Duration::from_millis(30))).await;
+    assert!(matches!(hurried, Err(QueueError::Abandoned(Abandoned::Expired))));
+    let cancelled = enqueue(&queue, work(10, LONG)).await;
+    cancelled.abort();
+    assert!(cancelled.await.unwrap_err().is_cancelled());
+    drop(gate);
+    assert!(stuck.await.unwrap().is_ok());
+    assert!(queue.estimate(work(20, LONG)).await.is_ok());
+    assert_eq!(runs.load(Ordering::Relaxed), before + 1, "neither was worked on");
+    assert_eq!(queue.stats().expired.load(Ordering::Relaxed), 1);
+    assert_eq!(queue.stats().cancelled.load(Ordering::Relaxed), 1);
+}
+
+/// Between the stages, too: an image whose time is over after detection costs no keypoint net.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_is_kept_between_the_stages() {
+    let (script, arrivals, gate) = gated();
+    let runs = Arc::new(AtomicUsize::new(0));
+    let of_net = Arc::clone(&runs);
+    let keypoints_net = Arc::new(move |input: Input<'_>| {
+        of_net.fetch_add(1, Ordering::Relaxed);
+        Ok(keypoints(batch_of(input)))
+    });
+    let queue = start(CONFIG, Script { keypoints: keypoints_net, ..script });
+    let before = runs.load(Ordering::Relaxed);
+    let hurried = queue.estimate(work(CUE, Duration::from_millis(200))).await;
+    assert!(matches!(hurried, Err(QueueError::Abandoned(Abandoned::Expired))));
+    arrivals.recv().unwrap();
+    drop(gate);
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert_eq!(runs.load(Ordering::Relaxed), before + 1);
+}
+
+#[test]
+fn networks_that_do_not_run_are_found_before_anybody_waits() {
+    let detector = Arc::new(|_: Input<'_>| Ok(Vec::new()));
+    let models = Models::new(&Manifests::default(), Script { detector, ..Script::default() });
+    let failed = Queue::start(CONFIG, move || models.estimator());
+    assert!(matches!(failed, Err(StartError::WarmUp(_))));
+}

@@ -1,0 +1,197 @@
+//! A model folder of one object, networks that do what a test says, and an image that shows a known pose.
+
+use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use image::RgbImage;
+use nalgebra::Vector3;
+use posed::estimator::Estimator;
+use posed::geometry::{Camera, Pose};
+use posed::model::{Backend, Input, Library, Network, Output, Outputs, Provider, References, RuntimeError};
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+/// Side of the crops, and of the detector's input (the image fits without scaling).
+pub const CROP: f64 = 64.0;
+pub const WIDTH: u32 = 320;
+pub const HEIGHT: u32 = 256;
+/// x, y, width, height of the box that the detector sees.
+pub const BOX: [f64; 4] = [100.0, 60.0, 90.0, 110.0];
+const SCALE: f64 = 1.5;
+const SIDE_M: f64 = 0.06;
+
+type Answer = dyn Fn(Input<'_>) -> Result<Vec<Output>, RuntimeError> + Send + Sync;
+
+/// Networks that answer as they are told.
+#[derive(Clone)]
+pub struct Script {
+    pub detector: Arc<Answer>,
+    pub keypoints: Arc<Answer>,
+    /// Networks loaded so far.
+    pub loads: Arc<AtomicUsize>,
+}
+
+impl Default for Script {
+    fn default() -> Self {
+        Self {
+            detector: Arc::new(|_| Ok(vec![end2end()])),
+            keypoints: Arc::new(|input| Ok(keypoints(batch_of(input)))),
+            loads: Arc::default(),
+        }
+    }
+}
+
+struct Scripted(Arc<Answer>);
+
+impl Network for Scripted {
+    fn run(&mut self, input: Input<'_>) -> Result<Outputs, RuntimeError> {
+        Ok(Outputs { network: "scripted".into(), tensors: (self.0)(input)? })
+    }
+}
+
+impl Backend for Script {
+    fn load(&self, _: &str, bytes: &[u8]) -> Result<Box<dyn Network>, RuntimeError> {
+        self.loads.fetch_add(1, Ordering::Relaxed);
+        let answer = if bytes == b"detector" { &self.detector } else { &self.keypoints };
+        Ok(Box::new(Scripted(Arc::clone(answer))))
+    }
+
+    fn provider(&self) -> Provider {
+        Provider::Cpu
+    }
+}
+
+/// Changes to the two manifests of a model folder.
+#[derive(Clone)]
+pub struct Manifests {
+    pub detector: Value,
+    pub object: Value,
+}
+
+impl Default for Manifests {
+    fn default() -> Self {
+        Self {
+            detector: json!({
+                "format": "end2end", "model_sha256": sha256(b"detector"), "labels": ["block"], "score_threshold": 0.5,
+                "input": {"layout": "nhwc", "dtype": "uint8", "width": WIDTH, "height": HEIGHT, "fill": 0},
+            }),
+            object: json!({
+                "name": "block", "obj_id": 1, "model_sha256": sha256(b"keypoints"), "diameter_m": 0.1,
+                "virtual_keypoints_m": corners().map(|corner| [corner.x, corner.y, corner.z]),
+                "crop_scale": SCALE, "input": {"layout": "nhwc", "dtype": "uint8", "size": CROP},
+                "output": {"kind": "keypoints"}, "covariance_scale": vec![1.0; 8],
+            }),
+        }
+    }
+}
+
+/// What makes estimators of a model folder.
+pub struct Models {
+    library: Arc<Library>,
+    references: Arc<References>,
+    script: Script,
+}
+
+impl Models {
+    pub fn new(manifests: &Manifests, script: Script) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |file: &str, bytes: &[u8]| {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, bytes).unwrap();
+        };
+        write("detector/detector.json", manifests.detector.to_string().as_bytes());
+        write("detector/detector.onnx", b"detector");
+        write("block/object.json", manifests.object.to_string().as_bytes());
+        write("block/keypoints.onnx", b"keypoints");
+        let covariance: Vec<Vec<f64>> =
+            (0..6).map(|row| (0..6).map(|column| if row == column { 1e-10 } else { 0.0 }).collect()).collect();
+        let reference = json!({
+            "object": "block", "keypoint_model_sha256": sha256(b"keypoints"), "method": "single", "covariance": covariance,
+            "object_from_keypoints": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [0, 0, 0]}, "references": [],
+        });
+        write("block.json", reference.to_string().as_bytes());
+        let library = Arc::new(Library::load(folder.path()).unwrap());
+        let references = Arc::new(References::load(folder.path(), &library).unwrap());
+        Self { library, references, script }
+    }
+
+    pub fn estimator(&self) -> Result<Estimator, RuntimeError> {
+        Estimator::new(Arc::clone(&self.library), Arc::clone(&self.references), &self.script)
+    }
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+pub fn camera() -> Camera {
+    Camera::pinhole(400.0, 400.0, 160.0, 128.0).unwrap()
+}
+
+/// The pose that the scripted keypoints show.
+pub fn truth() -> Pose {
+    Pose::from_quaternion_xyzw([0.3, 0.4, 0.1, 0.86], [-0.02, -0.017, 0.5]).unwrap()
+}
+
+fn corners() -> [Vector3<f64>; 8] {
+    std::array::from_fn(|k| Vector3::from_fn(|axis, _| if k >> axis & 1 == 1 { SIDE_M / 2.0 } else { -SIDE_M / 2.0 }))
+}
+
+/// An image of one brightness, as a PNG file: scripts tell images apart by it.
+pub fn png(brightness: u8) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image(brightness).write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+pub fn image(brightness: u8) -> RgbImage {
+    RgbImage::from_pixel(WIDTH, HEIGHT, image::Rgb([brightness; 3]))
+}
+
+/// The brightness of the first image of an input of bytes.
+pub fn brightness(input: Input<'_>) -> u8 {
+    match input {
+        Input::Bytes { values, .. } => values[values.len() / 2],
+        Input::Floats { .. } => panic!("bytes were expected"),
+    }
+}
+
+pub fn batch_of(input: Input<'_>) -> usize {
+    match input {
+        Input::Bytes { shape, .. } | Input::Floats { shape, .. } => shape[0],
+    }
+}
+
+pub fn output(name: &str, shape: &[usize], values: Vec<f32>) -> Output {
+    assert_eq!(shape.iter().product::<usize>(), values.len());
+    Output { name: name.into(), shape: shape.into(), values }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
+pub fn end2end() -> Output {
+    let [x, y, width, height] = BOX.map(|v| v as f32);
+    output("detections", &[1, 1, 6], vec![x, y, x + width, y + height, 0.9, 0.0])
+}
+
+/// Where the corners are in the crop of [`BOX`], pixels.
+pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
+    let side = SCALE * BOX[2].max(BOX[3]);
+    let first_edge = [0, 1].map(|axis| BOX[axis] + BOX[axis + 2] / 2.0 - side / 2.0);
+    corners().map(|corner| {
+        let pixel = camera().project(&truth().transform(&corner)).unwrap();
+        [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * CROP / side - 0.5)
+    })
+}
+
+/// What a keypoint net says of `batch` crops of [`BOX`].
+#[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
+pub fn keypoints(batch: usize) -> Vec<Output> {
+    let pixels = keypoints_in_crop().as_flattened().iter().map(|v| *v as f32).collect::<Vec<_>>();
+    vec![
+        output("keypoints", &[batch, 8, 2], pixels.repeat(batch)),
+        output("covariances", &[batch, 8, 2, 2], [0.1, 0.0, 0.0, 0.1].repeat(8 * batch)),
+        output("peaks", &[batch, 8], vec![0.9; 8 * batch]),
+    ]
+}

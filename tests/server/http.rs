@@ -1,0 +1,183 @@
+//! One image to `POST /v1/poses`.
+
+use reqwest::{Client, StatusCode};
+use serde_json::Value;
+
+use crate::support::{CAMERA, Server, assert_right, assert_still_works, error, json, png, post, read, root, samples};
+
+#[tokio::test]
+async fn every_sample_is_answered_right() {
+    let server = Server::start(&[]);
+    for sample in samples() {
+        for query in [CAMERA, "camera=demo"] {
+            let response = post(&server, query, read(&sample.file)).await;
+            assert_eq!(response.status(), StatusCode::OK);
+            let answer = json(response).await;
+            assert_right(&sample, &answer);
+            assert_eq!(answer["image"]["width"], 640);
+            for pose in answer["poses"].as_array().unwrap() {
+                let matrix = &pose["camera_from_object"]["matrix"];
+                let translation = &pose["camera_from_object"]["translation_m"];
+                assert_eq!(matrix[2][3], translation[2]);
+                assert!(pose["covariance"][2][2].as_f64().unwrap() > 0.0);
+                assert!(pose["detection"]["score"].as_f64().unwrap() > 0.0);
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn same_image_same_answer() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let first = json(post(&server, CAMERA, image.clone()).await).await;
+    let second = json(post(&server, CAMERA, image).await).await;
+    assert_eq!(first["poses"], second["poses"]);
+}
+
+#[tokio::test]
+async fn bad_images_are_refused_and_the_next_good_one_works() {
+    let server = Server::start(&["--max-body-bytes", "2000000"]);
+    let whole = read(&samples()[0].file);
+    // 65 bytes whose header states 60,000 x 60,000 pixels.
+    let claims_to_be_huge = read(&root().join("tests/data/claims-60000x60000.png"));
+    let cases: [(&str, Vec<u8>, StatusCode, &str); 6] = [
+        ("empty", Vec::new(), StatusCode::BAD_REQUEST, "empty"),
+        ("text", b"hello, this is no image".to_vec(), StatusCode::UNSUPPORTED_MEDIA_TYPE, "JPEG, PNG or WebP"),
+        ("truncated", whole[..whole.len() / 2].to_vec(), StatusCode::BAD_REQUEST, "truncated"),
+        ("damaged", [&whole[..300], &[0x55; 400][..], b"\xFF\xD9"].concat(), StatusCode::BAD_REQUEST, "image"),
+        ("huge header", claims_to_be_huge, StatusCode::PAYLOAD_TOO_LARGE, "60000x60000"),
+        ("huge body", vec![0; 2_000_001], StatusCode::PAYLOAD_TOO_LARGE, "2000000 bytes"),
+    ];
+    for (name, body, status, words) in cases {
+        let response = post(&server, CAMERA, body).await;
+        assert_eq!(response.status(), status, "{name}");
+        let answer = json(response).await;
+        let message = answer["error"]["message"].as_str().unwrap();
+        assert!(message.contains(words), "{name}: {message}");
+        assert_still_works(&server).await;
+    }
+}
+
+#[tokio::test]
+async fn bad_cameras_are_refused_by_name() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let cases = [
+        ("camera=nowhere", StatusCode::NOT_FOUND, "known cameras: demo"),
+        ("", StatusCode::BAD_REQUEST, "no camera"),
+        ("fx=600&fy=600&cx=320", StatusCode::BAD_REQUEST, "'cy'"),
+        ("fx=NaN&fy=600&cx=320&cy=240", StatusCode::BAD_REQUEST, "'fx'"),
+        ("fx=600&fy=-5&cx=320&cy=240", StatusCode::BAD_REQUEST, "'fy'"),
+        ("fx=600&fy=600&cx=inf&cy=240", StatusCode::BAD_REQUEST, "'cx'"),
+        ("camera=demo&fx=1", StatusCode::BAD_REQUEST, "not both"),
+        ("camera=demo&colour=red", StatusCode::BAD_REQUEST, "colour"),
+    ];
+    for (query, status, words) in cases {
+        let response = post(&server, query, image.clone()).await;
+        assert_eq!(response.status(), status, "{query}");
+        let answer = json(response).await;
+        let message = answer["error"]["message"].as_str().unwrap();
+        assert!(message.contains(words), "{query}: {message}");
+    }
+    assert_still_works(&server).await;
+}
+
+/// The camera of a resized image is scaled, and the poses stay where they are; a crop is refused.
+#[tokio::test]
+async fn a_resized_image_has_its_camera_scaled_and_a_crop_is_refused() {
+    let server = Server::start(&[]);
+    let sample = &samples()[0];
+    let image = image::open(&sample.file).unwrap();
+    let doubled = image.resize_exact(1280, 960, image::imageops::FilterType::CatmullRom);
+    let answer = json(post(&server, "camera=demo", png(&doubled)).await).await;
+    assert_right(sample, &answer);
+    assert_eq!(answer["image"]["camera_scaled_from"], serde_json::json!([640, 480]));
+
+    let response = post(&server, "camera=demo", png(&image.crop_imm(0, 0, 600, 480))).await;
+    assert_eq!(response.status(), StatusCode::BAD_REQUEST);
+    assert!(error(response).await.1.contains("640x480"));
+}
+
+#[tokio::test]
+async fn every_kind_of_pixel_is_answered() {
+    let server = Server::start(&[]);
+    let sample = &samples()[0];
+    let image = image::open(&sample.file).unwrap();
+    for colour in [image::DynamicImage::from(image.to_rgba8()), image.to_rgb16().into()] {
+        assert_right(sample, &json(post(&server, CAMERA, png(&colour)).await).await);
+    }
+    assert_eq!(post(&server, CAMERA, png(&image.to_luma8().into())).await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_picture_is_given_where_one_is_accepted() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let url = server.url(&format!("/v1/poses?{CAMERA}"));
+    for (accept, format) in
+        [("image/png", image::ImageFormat::Png), ("text/html, image/jpeg;q=0.9", image::ImageFormat::Jpeg)]
+    {
+        let response = Client::new().post(&url).header("accept", accept).body(image.clone()).send().await.unwrap();
+        assert_eq!(response.headers()["content-type"], format.to_mime_type());
+        let bytes = response.bytes().await.unwrap();
+        let picture = image::load_from_memory_with_format(&bytes, format).unwrap().into_rgb8();
+        let plain = image::load_from_memory(&image).unwrap().into_rgb8();
+        let changed =
+            picture.pixels().zip(plain.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 60));
+        assert!(changed.count() > 500);
+    }
+}
+
+#[tokio::test]
+async fn a_selection_is_kept() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let objects = async |query: &str| -> Vec<String> {
+        let answer = json(post(&server, &format!("{CAMERA}&{query}"), image.clone()).await).await;
+        let poses = answer["poses"].as_array().unwrap().clone();
+        poses.iter().map(|pose| pose["object"].as_str().unwrap().to_owned()).collect()
+    };
+    assert!(objects("objects=cube").await.iter().all(|name| name == "cube"));
+    let all = objects("objects=cube,bracket").await;
+    let one_each = objects("max_instances=1").await;
+    assert!(all.len() > one_each.len() && one_each.len() == 2, "{all:?} {one_each:?}");
+    let answer = json(post(&server, &format!("{CAMERA}&min_confidence=0.6"), image.clone()).await).await;
+    let confidences: Vec<f64> =
+        answer["poses"].as_array().unwrap().iter().map(|pose| pose["confidence"].as_f64().unwrap()).collect();
+    assert!(confidences.iter().all(|confidence| *confidence >= 0.6) && confidences.len() < all.len());
+}
+
+#[tokio::test]
+async fn bad_options_are_refused_by_name() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    for (query, status, code, words) in [
+        ("objects=teapot", StatusCode::NOT_FOUND, "unknown_object", "known objects: cube"),
+        ("max_instances=0", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),
+        ("max_instances=-1", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),
+        ("min_confidence=1.5", StatusCode::BAD_REQUEST, "invalid_request", "min_confidence"),
+        ("min_confidence=NaN", StatusCode::BAD_REQUEST, "invalid_request", "min_confidence"),
+    ] {
+        let response = post(&server, &format!("{CAMERA}&{query}"), image.clone()).await;
+        assert_eq!(response.status(), status, "{query}");
+        let (found, message) = error(response).await;
+        assert!(found == code && message.contains(words), "{query}: {found} {message}");
+    }
+    let url = server.url(&format!("/v1/poses?{CAMERA}"));
+    let strange = Client::new().post(&url).header("content-type", "application/json").body("{}").send().await.unwrap();
+    assert_eq!(strange.status(), StatusCode::UNSUPPORTED_MEDIA_TYPE);
+    assert!(error(strange).await.1.contains("multipart/form-data"));
+    let wrong_method = reqwest::get(server.url("/v1/poses")).await.unwrap();
+    assert_eq!(wrong_method.status(), StatusCode::METHOD_NOT_ALLOWED);
+    assert_still_works(&server).await;
+}
+
+#[tokio::test]
+async fn nothing_in_view_is_an_empty_list() {
+    let server = Server::start(&[]);
+    let grey = image::GrayImage::from_pixel(640, 480, image::Luma([120]));
+    let response = post(&server, CAMERA, png(&grey.into())).await;
+    assert_eq!(response.status(), StatusCode::OK);
+    assert_eq!(json(response).await["poses"], Value::Array(Vec::new()));
+}
