@@ -234,7 +234,8 @@ fn a_file_that_is_no_network_is_named() {
     let found = said.split("has sha256 ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
     json["model_sha256"] = found.into();
     fs::write(&manifest, json.to_string()).unwrap();
-    refuses_to_serve(&["--models", folder], "cannot load this network");
+    let none = tempfile::tempdir().unwrap();
+    refuses_to_serve(&["--models", folder, "--reference", none.path().to_str().unwrap()], "cannot load this network");
 }
 
 #[test]

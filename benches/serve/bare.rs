@@ -1,4 +1,5 @@
 //! The networks alone.
+#![allow(unreachable_pub, reason = "for the bench alone")]
 
 use std::path::Path;
 use std::time::{Duration, Instant};

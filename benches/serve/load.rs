@@ -1,4 +1,5 @@
 //! Clients.
+#![allow(unreachable_pub, reason = "for the bench alone")]
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

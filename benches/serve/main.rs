@@ -134,7 +134,11 @@ impl Report {
         line(&mut text, "answer, p50 / p99 / most, ms", spread(&over.answered_ms));
         let bound = 17.0 / rate * 1e3;
         line(&mut text, "a full queue of 16 takes, ms", format!("{bound:.0}"));
-        line(&mut text, "resident memory, first and last quarter, MiB", format!("{:.0} / {:.0}", over.rss_early, over.rss_late));
+        line(
+            &mut text,
+            "resident memory, first and last quarter, MiB",
+            format!("{:.0} / {:.0}", over.rss_early, over.rss_late),
+        );
         text
     }
 }

@@ -1,4 +1,5 @@
 //! The server as its operator sees it.
+#![allow(unreachable_pub, reason = "for the bench alone")]
 
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
@@ -21,7 +22,19 @@ impl Server {
         let (http, grpc, admin) = (free(), free(), free());
         let start = Instant::now();
         let child = Command::new(env!("CARGO_BIN_EXE_posed"))
-            .args(["serve", "--http", &http, "--grpc", &grpc, "--admin", &admin, "--cameras", "samples", "--log", "error"])
+            .args([
+                "serve",
+                "--http",
+                &http,
+                "--grpc",
+                &grpc,
+                "--admin",
+                &admin,
+                "--cameras",
+                "samples",
+                "--log",
+                "error",
+            ])
             .stderr(Stdio::null())
             .spawn()
             .unwrap();

@@ -7,9 +7,9 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::ModelArgs;
-use crate::estimator::Estimator;
+use crate::estimator::{Estimator, ModelsReport};
 use crate::geometry::{Camera, Pose};
-use crate::model::{Library, ObjectModel, PoseFile, read_json};
+use crate::model::{ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, decode};
 
 #[derive(Args, Debug)]
@@ -34,9 +34,9 @@ const MAX_ERROR: f64 = 0.1;
 
 impl Check {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let library = Library::load(&self.models.models)?;
-        let (mut estimator, models) = self.models.estimator()?;
+        let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
         estimator.warm_up()?;
+        let models = ModelsReport::new(&library, self.models.provider);
         println!("provider {}, detector {}", models.provider, models.detector);
         for (object, sha256) in &models.keypoints {
             println!("{object:<12} {sha256}");

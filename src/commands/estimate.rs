@@ -7,7 +7,7 @@ use clap::Args;
 use image::ImageFormat;
 
 use super::ModelArgs;
-use crate::estimator::{Answer, CallerFrames, Estimator, Report, ReportContext};
+use crate::estimator::{Answer, CallerFrames, Estimator, ModelsReport, Report, ReportContext};
 use crate::geometry::Camera;
 use crate::model::{read_json, write_atomically};
 use crate::vision::{DecodeOptions, Decoded, OrientationPolicy, decode, encode};
@@ -36,7 +36,8 @@ pub(super) struct Estimate {
 impl Estimate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let camera: Camera = read_json(&self.camera)?;
-        let (mut estimator, models) = self.models.estimator()?;
+        let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
+        let models = ModelsReport::new(&library, self.models.provider);
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
             let mut answer = estimate(&mut estimator, path, &camera, &options)

@@ -50,23 +50,20 @@ impl Evaluate {
             "| object | views | ADD(-S) % | Proj-5 % | 5°5cm % | rotation, median (deg) | translation, median (mm) |"
         );
         println!("|---|---|---|---|---|---|---|");
-        let mut estimator = if self.detector { Some(self.models.estimator()?.0) } else { None };
         let runtime = self.models.runtime()?;
+        let mut estimator = if self.detector { Some(self.models.estimator(&runtime)?.0) } else { None };
         for name in &self.objects {
             let model = ObjectModel::load(&self.models.models, name)?;
             let mesh = Mesh::read(&self.meshes, model.manifest.obj_id)?;
-            let errors = match &mut estimator {
-                Some(estimator) => {
-                    self.errors(&model, &mesh, |image, camera, truth| detected(estimator, image, camera, name, truth))?
-                }
-                None => {
-                    let reference = References::read(&self.models.reference, &model)?;
-                    let reference = reference.ok_or_else(|| format!("{name} is not calibrated"))?;
-                    let mut solver = KeypointSolver::new(&model, &runtime)?;
-                    self.errors(&model, &mesh, |image, camera, truth| {
-                        within_box(&mut solver, &reference.offset, image, camera, &truth.bounding_box)
-                    })?
-                }
+            let errors = if let Some(estimator) = &mut estimator {
+                self.errors(&model, &mesh, |image, camera, truth| detected(estimator, image, camera, name, truth))?
+            } else {
+                let reference = References::read(&self.models.reference, &model)?;
+                let reference = reference.ok_or_else(|| format!("{name} is not calibrated"))?;
+                let mut solver = KeypointSolver::new(&model, &runtime)?;
+                self.errors(&model, &mesh, |image, camera, truth| {
+                    within_box(&mut solver, &reference.offset, image, camera, &truth.bounding_box)
+                })?
             };
             let score = Score::of(&errors, &mesh);
             println!(

@@ -14,8 +14,8 @@ use std::sync::Arc;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::estimator::{Estimator, ModelsReport};
-use crate::model::{Backend as _, Library, LoadError, Provider, References, Runtime, RuntimeError};
+use crate::estimator::Estimator;
+use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError};
 use crate::server::{LogFormat, init_logs};
 
 /// Answers an RGB image with the 6D poses of known rigid objects.
@@ -29,6 +29,7 @@ pub struct Cli {
 }
 
 #[derive(Debug, Subcommand)]
+#[expect(clippy::large_enum_variant, reason = "made once")]
 enum Command {
     /// Serve poses over HTTP and gRPC.
     Serve(serve::Serve),
@@ -69,13 +70,11 @@ impl ModelArgs {
         Runtime::load(self.provider, self.threads.map_or_else(available, usize::from))
     }
 
-    /// The whole pipeline, with the names of its networks.
-    fn estimator(&self) -> Result<(Estimator, ModelsReport), LoadError> {
+    /// The whole pipeline, with its models.
+    fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Library>), LoadError> {
         let library = Arc::new(Library::load(&self.models)?);
         let references = Arc::new(References::load(&self.reference, &library)?);
-        let runtime = self.runtime()?;
-        let models = ModelsReport::new(&library, runtime.provider());
-        Ok((Estimator::new(library, references, &runtime)?, models))
+        Ok((Estimator::new(Arc::clone(&library), references, runtime)?, library))
     }
 }
 

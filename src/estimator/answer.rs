@@ -48,6 +48,8 @@ pub enum MeasureError {
          unoccluded"
     )]
     FewInliers { agreeing: usize, keypoints: usize },
+    #[error("the pose in this image is doubtful ({reasons}); choose one that shows the object larger and unoccluded")]
+    Doubtful { reasons: String },
 }
 
 /// Which poses the caller wants.

@@ -4,7 +4,7 @@ use super::answer::MeasureError;
 use crate::calibration::{AverageError, Consensus, Mode, Offset, average};
 use crate::geometry::{Camera, Pose};
 use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
-use crate::pnp::Solution;
+use crate::pnp::{Solution, Status};
 use crate::vision::BoundingBox;
 
 /// A reference with fewer agreeing keypoints would spoil every later answer.
@@ -40,6 +40,14 @@ pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> R
         if agreeing < MIN_INLIERS {
             let source = MeasureError::FewInliers { agreeing, keypoints };
             return Err(CalibrateError::Measure { file: view.file.clone(), source });
+        }
+        let verdict = view.solution.verdict;
+        if verdict.status != Status::Ok {
+            let reasons = verdict.reasons.iter().map(|reason| reason.to_string()).collect::<Vec<_>>().join(", ");
+            return Err(CalibrateError::Measure {
+                file: view.file.clone(),
+                source: MeasureError::Doubtful { reasons },
+            });
         }
     }
     let measured = |v: &MeasuredView| Offset::measure(&v.camera_from_object, &v.solution.pose, &v.solution.covariance);

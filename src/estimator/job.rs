@@ -92,7 +92,12 @@ pub(super) struct Job {
     pub task: Task,
     pub deadline: Instant,
     pub arrived: Instant,
-    pub _place: OwnedSemaphorePermit,
+    pub place: Place,
+}
+
+/// A share of the queue's bounds. Given up before the caller is answered, so that its next request finds room.
+pub(super) struct Place {
+    pub _image: OwnedSemaphorePermit,
     pub _bytes: OwnedSemaphorePermit,
 }
 
@@ -112,10 +117,10 @@ impl Job {
         }
     }
 
-    /// Answers with an error. The place in the queue is free before the caller knows.
+    /// Answers with an error.
     pub(super) fn fail(self, error: QueueError) {
-        let Self { task, _place, _bytes, .. } = self;
-        drop((_place, _bytes));
+        let Self { task, place, .. } = self;
+        drop(place);
         // A caller that has left meanwhile is no fault.
         match task {
             Task::Poses { reply, .. } => drop(reply.send(Err(error))),

@@ -169,7 +169,9 @@ impl Estimator {
             Ok(predictions) => predictions,
             Err(error) => {
                 // Only the frames that show this object are answered with its network's failure.
-                wanted.iter().for_each(|w| progress[w.frame] = Err(error.clone().into()));
+                for Wanted { frame, .. } in wanted {
+                    progress[frame] = Err(error.clone().into());
+                }
                 return;
             }
         };

@@ -2,10 +2,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::sync::{Semaphore, oneshot};
 
 use super::answer::Abandoned;
-use super::job::{Answer, Job, QueueError, ReferenceWork, Solved, Task, Work};
+use super::job::{Answer, Job, Place, QueueError, ReferenceWork, Solved, Task, Work};
 use super::workers::{self, Workers};
 use super::{Estimator, StartError};
 use crate::geometry::Camera;
@@ -76,7 +76,7 @@ impl Queue {
     ) -> Result<(Self, Workers), StartError> {
         let stats = Arc::new(QueueStats::default());
         let (jobs, receiver) = crossbeam_channel::bounded(config.limit);
-        let workers = workers::start(config, receiver, Arc::new(make), Arc::clone(&stats))?;
+        let workers = workers::start(config, receiver, &(Arc::new(make) as _), &stats)?;
         let (places, bytes) = (Arc::new(Semaphore::new(config.limit)), Arc::new(Semaphore::new(config.limit_bytes)));
         Ok((Self { jobs, places, bytes, config, stats }, workers))
     }
@@ -116,21 +116,21 @@ impl Queue {
     }
 
     fn submit(&self, image: Vec<u8>, camera: Camera, deadline: Instant, task: Task) -> Result<(), QueueError> {
-        let (place, bytes) = self.admit(image.len()).inspect_err(|_| count(&self.stats.refused))?;
-        let job = Job { image, camera, task, deadline, arrived: Instant::now(), _place: place, _bytes: bytes };
+        let place = self.admit(image.len()).inspect_err(|_| count(&self.stats.refused))?;
+        let job = Job { image, camera, task, deadline, arrived: Instant::now(), place };
         // Never full: every job holds a place. Closed only when no worker is left.
         self.jobs.try_send(job).map_err(|_| QueueError::Crashed)?;
         count(&self.stats.admitted);
         Ok(())
     }
 
-    fn admit(&self, size: usize) -> Result<(OwnedSemaphorePermit, OwnedSemaphorePermit), QueueError> {
+    fn admit(&self, size: usize) -> Result<Place, QueueError> {
         let full = |_| QueueError::Full { limit: self.config.limit };
-        let place = Arc::clone(&self.places).try_acquire_owned().map_err(full)?;
+        let image = Arc::clone(&self.places).try_acquire_owned().map_err(full)?;
         let full = QueueError::FullBytes { limit: self.config.limit_bytes };
         let Ok(size) = u32::try_from(size) else { return Err(full) };
         let bytes = Arc::clone(&self.bytes).try_acquire_many_owned(size).map_err(|_| full)?;
-        Ok((place, bytes))
+        Ok(Place { _image: image, _bytes: bytes })
     }
 
     async fn wait<T>(

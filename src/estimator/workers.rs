@@ -53,15 +53,15 @@ struct Prepared {
 pub(super) fn start(
     config: QueueConfig,
     jobs: Receiver<Job>,
-    make: Make,
-    stats: Arc<QueueStats>,
+    make: &Make,
+    stats: &Arc<QueueStats>,
 ) -> Result<Workers, StartError> {
     // Without room: while the workers are busy, one batch is prepared and waits, and the next ones grow behind it.
     let (batches, batch) = crossbeam_channel::bounded(0);
     let (started, starts) = crossbeam_channel::unbounded();
     let mut threads = Vec::with_capacity(config.workers + 1);
     for index in 0..config.workers {
-        let (make, stats, batch, started) = (Arc::clone(&make), Arc::clone(&stats), batch.clone(), started.clone());
+        let (make, stats, batch, started) = (Arc::clone(make), Arc::clone(stats), batch.clone(), started.clone());
         let thread = std::thread::Builder::new().name(format!("worker-{index}"));
         threads.push(thread.spawn(move || work(&make, &batch, &started, &stats))?);
     }
@@ -70,6 +70,7 @@ pub(super) fn start(
         starts.recv().map_err(|_| StartError::Panicked)??;
     }
     let thread = std::thread::Builder::new().name("prepare".into());
+    let stats = Arc::clone(stats);
     threads.push(thread.spawn(move || prepare(config, &jobs, &batches, &stats))?);
     Ok(Workers(threads))
 }
@@ -158,7 +159,9 @@ fn answer(estimator: &mut Estimator, batch: Vec<Prepared>, stats: &QueueStats) -
 
 fn estimate(estimator: &mut Estimator, batch: Vec<Prepared>, stats: &QueueStats) -> bool {
     let Some(estimates) = estimate_frames(estimator, &batch) else {
-        batch.into_iter().for_each(|prepared| prepared.job.fail(QueueError::Crashed));
+        for prepared in batch {
+            prepared.job.fail(QueueError::Crashed);
+        }
         return false;
     };
     let batch_size = batch.len();
@@ -204,8 +207,8 @@ fn measure(estimator: &mut Estimator, prepared: Prepared, stats: &QueueStats) ->
     match measured {
         Ok(Ok(solved)) => {
             count(&stats.worked);
-            let Job { task, _place, _bytes, .. } = job;
-            drop((_place, _bytes));
+            let Job { task, place, .. } = job;
+            drop(place);
             if let Task::Reference { reply, .. } = task {
                 drop(reply.send(Ok(solved)));
             }
@@ -225,8 +228,8 @@ fn measure(estimator: &mut Estimator, prepared: Prepared, stats: &QueueStats) ->
 impl Prepared {
     fn answer(self, estimate: Estimate, batch_size: usize) {
         let Self { job, decoded: Decoded { image, exif_orientation }, queued, decode } = self;
-        let Job { task, camera, arrived, _place, _bytes, .. } = job;
-        drop((_place, _bytes));
+        let Job { task, camera, arrived, place, .. } = job;
+        drop(place);
         let Task::Poses { keep_image, reply, .. } = task else { return };
         let (width, height) = image.dimensions();
         let answer = Answer {

@@ -65,12 +65,12 @@ impl Runtime {
             Provider::Tensorrt => vec![ep::TensorRT::default().build().error_on_failure()],
             Provider::Openvino => vec![ep::OpenVINO::default().build().error_on_failure()],
         };
-        Ok(Session::builder(&self.environment)?
+        Session::builder(&self.environment)?
             .with_execution_providers(providers)?
             .with_intra_threads(self.threads)?
             // A spinning pool burns a core between requests.
             .with_intra_op_spinning(false)?
-            .commit_from_memory(bytes)?)
+            .commit_from_memory(bytes)
     }
 }
 

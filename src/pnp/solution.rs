@@ -50,6 +50,20 @@ pub enum Reason {
     UncertainPose,
 }
 
+impl std::fmt::Display for Reason {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.pad(match self {
+            Self::FewInliers => "few_inliers",
+            Self::HighResidual => "high_residual",
+            Self::PlanarAmbiguity => "planar_ambiguity",
+            Self::BoxMismatch => "box_mismatch",
+            Self::WeakKeypoints => "weak_keypoints",
+            Self::NoPose => "no_pose",
+            Self::UncertainPose => "uncertain_pose",
+        })
+    }
+}
+
 /// Every reason, in the order in which they are reported.
 const REASONS: [Reason; 7] = [
     Reason::PlanarAmbiguity,

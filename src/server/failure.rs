@@ -121,7 +121,8 @@ impl From<QueueError> for Failure {
                 MeasureError::Solve(_)
                 | MeasureError::NotSeen
                 | MeasureError::SeveralSeen
-                | MeasureError::FewInliers { .. } => FailureKind::Unmeasurable,
+                | MeasureError::FewInliers { .. }
+                | MeasureError::Doubtful { .. } => FailureKind::Unmeasurable,
             },
             QueueError::Crashed => FailureKind::Internal,
         };

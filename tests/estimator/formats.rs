@@ -7,7 +7,10 @@ use posed::model::{Input, Output};
 use posed::pnp::Status;
 use serde_json::json;
 
-use crate::script::{BOX, CROP, HEIGHT, Manifests, Models, Script, WIDTH, batch_of, camera, end2end, image, keypoints_in_crop, output, truth};
+use crate::script::{
+    BOX, CROP, HEIGHT, Manifests, Models, Script, WIDTH, batch_of, camera, end2end, image, keypoints_in_crop, output,
+    truth,
+};
 
 fn estimate(manifests: &Manifests, script: Script) -> Result<Estimate, EstimateError> {
     Models::new(manifests, script).estimator().unwrap().estimate(&image(50), &camera())
@@ -57,7 +60,8 @@ fn every_detector_format_gives_the_same_boxes() {
     let classes = [1.0, 1.0, 1.0, 0.0];
     let end2end = rows.iter().zip(scores).zip(classes);
     let end2end = end2end.flat_map(|((row, score), class)| corners(row).into_iter().chain([score, class])).collect();
-    let yolov8 = [0, 1, 2, 3, 5, 6].map(|field| rows.map(|row| if field > 4 { row[4] * row[field] } else { row[field] }));
+    let yolov8 =
+        [0, 1, 2, 3, 5, 6].map(|field| rows.map(|row| if field > 4 { row[4] * row[field] } else { row[field] }));
     let torchvision = vec![
         output("boxes", &[4, 4], rows.iter().flat_map(corners).collect()),
         output("labels", &[4], classes.to_vec()),
@@ -125,7 +129,7 @@ fn boxes_come_back_through_a_centred_letterbox() {
 }
 
 /// A net that returns heatmaps of logits, from normalised floats.
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "to a network's floats")]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to a network's floats")]
 #[test]
 fn heatmaps_are_decoded() {
     let mut manifests = Manifests::default();

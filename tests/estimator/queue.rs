@@ -17,7 +17,11 @@ const CONFIG: QueueConfig = QueueConfig {
     workers: 1,
     max_batch: 8,
     batch_delay: Duration::ZERO,
-    decode: DecodeOptions { max_side_px: 1000, max_pixels: 1_000_000, exif_orientation: posed::vision::OrientationPolicy::Refuse },
+    decode: DecodeOptions {
+        max_side_px: 1000,
+        max_pixels: 1_000_000,
+        exif_orientation: posed::vision::OrientationPolicy::Refuse,
+    },
 };
 const LONG: Duration = Duration::from_mins(1);
 /// Images of this brightness are the script's cue; others, and the warm-up's, run through.
@@ -87,9 +91,12 @@ async fn a_network_that_fails_spoils_only_the_images_that_need_it() {
         let nothing = output("detections", &[1, 0, 6], Vec::new());
         Ok(vec![if brightness(input) == 10 { nothing } else { end2end() }])
     });
-    let keypoints_net = Arc::new(move |input: Input<'_>| {
-        if brightness(input) == CUE { Err(failing()) } else { Ok(keypoints(batch_of(input))) }
-    });
+    let keypoints_net =
+        Arc::new(
+            move |input: Input<'_>| {
+                if brightness(input) == CUE { Err(failing()) } else { Ok(keypoints(batch_of(input))) }
+            },
+        );
     let queue = start(CONFIG, Script { detector, keypoints: keypoints_net, ..Script::default() });
     let message = queue.estimate(work(CUE, LONG)).await.unwrap_err().to_string();
     assert!(message.contains("no memory"), "{message}");

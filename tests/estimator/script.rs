@@ -1,5 +1,7 @@
 //! A model folder of one object, networks that do what a test says, and an image that shows a known pose.
 
+#![allow(unreachable_pub, reason = "for the other modules of this test")]
+
 use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +15,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 /// Side of the crops, and of the detector's input (the image fits without scaling).
-pub const CROP: f64 = 64.0;
+pub const CROP: u32 = 64;
 pub const WIDTH: u32 = 320;
 pub const HEIGHT: u32 = 256;
 /// x, y, width, height of the box that the detector sees.
@@ -123,7 +125,8 @@ impl Models {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    let digest = Sha256::digest(bytes);
+    digest.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
 }
 
 pub fn camera() -> Camera {
@@ -181,7 +184,7 @@ pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
     let first_edge = [0, 1].map(|axis| BOX[axis] + BOX[axis + 2] / 2.0 - side / 2.0);
     corners().map(|corner| {
         let pixel = camera().project(&truth().transform(&corner)).unwrap();
-        [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * CROP / side - 0.5)
+        [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5)
     })
 }
 

@@ -40,19 +40,19 @@ async fn a_form_is_answered_in_the_callers_frames() {
             assert_right(&sample, &answer);
             assert_eq!(answer["captured_at"], "2026-05-04T12:00:00.123456789Z");
             let pose = &answer["poses"][0];
-            // The quaternion above takes x to -z, y to -x, z to y.
+            // The quaternion above looks along the base's x: camera x to base -y, y to -z, z to x.
             let frame = Matrix4::new(
-                0.0, -1.0, 0.0, 1.0, //
-                0.0, 0.0, 1.0, 2.0, //
-                -1.0, 0.0, 0.0, 3.0, //
+                0.0, 0.0, 1.0, 1.0, //
+                -1.0, 0.0, 0.0, 2.0, //
+                0.0, -1.0, 0.0, 3.0, //
                 0.0, 0.0, 0.0, 1.0,
             );
             let difference = frame * matrix(&pose["camera_from_object"]) - matrix(&pose["base_from_object"]);
             assert!(difference.amax() < 1e-9, "{difference}");
-            // The variance along the camera's z is the one along the base's y.
+            // The variance along the camera's z is the one along the base's x.
             let variance = |covariance: &Value, axis: usize| covariance[axis][axis].as_f64().unwrap();
             let (camera, base) = (&pose["covariance"], &pose["base_from_object"]["covariance"]);
-            assert!((variance(camera, 2) - variance(base, 1)).abs() < 1e-12);
+            assert!((variance(camera, 2) - variance(base, 0)).abs() < 1e-12);
             assert!(pose["world_from_object"].is_null());
         }
     }

@@ -60,7 +60,13 @@ async fn what_cannot_be_measured_changes_nothing() {
         ("cube", 1, known(&value!({"colour": 1})), StatusCode::BAD_REQUEST, "colour"),
         ("cube", 1, known(&value!({"camera": "left"})), StatusCode::NOT_FOUND, "left"),
         // An empty corner of the picture.
-        ("cube", 1, known(&value!({"box_px": [5, 5, 40, 40]})), StatusCode::UNPROCESSABLE_ENTITY, "keypoints agree"),
+        (
+            "cube",
+            1,
+            known(&value!({"box_px": [5, 5, 40, 40]})),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "larger and unoccluded",
+        ),
         ("bracket", 1, known(&value!({})), StatusCode::UNPROCESSABLE_ENTITY, "more than once"),
     ];
     for (object, images, request, status, words) in cases {

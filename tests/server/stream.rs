@@ -35,7 +35,7 @@ async fn collect(mut responses: Streaming<EstimateStreamResponse>) -> Vec<(u64, 
     let mut all = Vec::new();
     while let Some(response) = responses.message().await.unwrap() {
         let code = match response.result.unwrap() {
-            FrameResult::Answer(answer) => i32::from(answer.poses.is_empty()) * -1,
+            FrameResult::Answer(answer) => -i32::from(answer.poses.is_empty()),
             FrameResult::Error(error) => error.code,
         };
         all.push((response.frame_id, code));

@@ -67,7 +67,8 @@ impl Server {
                 seen.push_str(&line);
                 seen.push('\n');
                 if let Some((_, address)) = line.split_once(&format!("{protocol} on ")) {
-                    return address.trim().parse().unwrap();
+                    // In JSON the message ends with a quote.
+                    return address.split('"').next().unwrap().trim().parse().unwrap();
                 }
             }
         };

@@ -1,3 +1,6 @@
+import json
+from pathlib import Path
+
 import torch
 
 from posed_train.heatmap import Decode, cell_centres
@@ -46,3 +49,15 @@ def test_a_symmetric_object_may_be_seen_either_way():
     either = heatmap_loss(maps(40.0, 77.0), ways, 128), heatmap_loss(maps(90.0, 30.0), ways, 128)
     assert torch.isclose(*either, atol=1e-3)
     assert heatmap_loss(torch.logaddexp(maps(40.0, 77.0), maps(90.0, 30.0)), ways, 128) > either[0] + 0.5
+
+
+def test_parity_fixture_is_what_this_code_makes():
+    """The Rust service decodes heatmaps of nets from elsewhere, and is tested against the same file."""
+    path = Path(__file__).parents[2] / "tests" / "data" / "heatmaps.json"
+    for case in json.loads(path.read_text()):
+        side, input_px = case["side"], case["input_px"]
+        logits = torch.tensor(case["logits"]).reshape(1, 1, side, side)
+        keypoints, covariances, peaks = Decode(side, input_px / side)(logits)
+        assert torch.allclose(keypoints[0, 0], torch.tensor(case["keypoint"]), atol=1e-4)
+        assert torch.allclose(covariances[0, 0], torch.tensor(case["covariance"]), rtol=1e-4)
+        assert torch.isclose(peaks[0, 0], torch.tensor(case["peak"]), atol=1e-5)

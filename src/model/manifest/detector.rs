@@ -35,7 +35,7 @@ fn usual_iou_threshold() -> f64 {
 pub enum DetectorFormat {
     /// Outputs `boxes [N, 4]` (x1, y1, x2, y2), `labels [N]`, `scores [N]`.
     Torchvision,
-    /// `[1, N, 5 + C]`: centre x, centre y, width, height, objectness, one score for each class (also Ultralytics' YOLOv3).
+    /// `[1, N, 5 + C]`: centre x, centre y, width, height, objectness, one score for each class (`YOLOv3` by Ultralytics, too).
     Yolov5,
     /// `[1, 4 + C, N]`: centre x, centre y, width, height, one score for each class (v8 to v12).
     Yolov8,

@@ -89,7 +89,7 @@ impl Frames {
 
     async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
         match request.kind {
-            Some(Kind::Settings(settings)) => self.set(&settings),
+            Some(Kind::Settings(settings)) => self.set(settings),
             Some(Kind::Frame(frame)) => {
                 self.started = true;
                 if self.in_work.len() < self.window {
@@ -105,7 +105,7 @@ impl Frames {
         }
     }
 
-    fn set(&mut self, settings: &StreamSettings) -> Result<(), Status> {
+    fn set(&mut self, settings: StreamSettings) -> Result<(), Status> {
         if self.started {
             return Err(Status::invalid_argument("'settings' come once, before the first frame"));
         }

@@ -96,16 +96,18 @@ impl BatchRequest {
         let parse = |json: serde_json::Value| {
             serde_json::from_value(json).map_err(|error| invalid(&format!("part 'request': {error}")))
         };
-        match self.0 {
-            serde_json::Value::Array(list) if list.len() == images => Ok(list.into_iter().map(parse).collect()),
-            serde_json::Value::Array(list) => {
-                Err(invalid(&format!("part 'request' lists {} options for {images} images", list.len())))
-            }
-            shared => {
-                let one = |()| parse(shared.clone());
-                Ok(std::iter::repeat_n((), images).map(one).collect())
-            }
+        let list = match self.0 {
+            serde_json::Value::Array(list) => list,
+            shared @ (serde_json::Value::Null
+            | serde_json::Value::Bool(_)
+            | serde_json::Value::Number(_)
+            | serde_json::Value::String(_)
+            | serde_json::Value::Object(_)) => vec![shared; images],
+        };
+        if list.len() != images {
+            return Err(invalid(&format!("part 'request' lists {} options for {images} images", list.len())));
         }
+        Ok(list.into_iter().map(parse).collect())
     }
 }
 
