@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::ModelArgs;
-use crate::estimator::{Estimator, ModelsReport};
+use crate::estimator::{Estimator, Parity};
 use crate::geometry::{Camera, Pose};
 use crate::model::{ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, decode};
@@ -34,12 +34,20 @@ const MAX_ERROR: f64 = 0.1;
 
 impl Check {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
+        let runtime = self.models.runtime()?;
+        let (mut estimator, library) = self.models.estimator(&runtime)?;
         estimator.warm_up()?;
-        let models = ModelsReport::new(&library, self.models.provider);
-        println!("provider {}, detector {}", models.provider, models.detector);
-        for (object, sha256) in &models.keypoints {
-            println!("{object:<12} {sha256}");
+        println!("provider {}\n", self.models.provider);
+        println!("{:<12} {:<64} against the trainer", "model", "sha256");
+        println!("{:<12} {}", "detector", library.detector.manifest.model_sha256);
+        let mut differs = Vec::new();
+        for object in library.known() {
+            let manifest = &object.manifest;
+            let parity = Parity::measure(&self.models.models, object, &runtime)?;
+            let text =
+                parity.map_or("unknown".into(), |p| format!("{:.4} px (at most {})", p.worst_px, p.tolerance_px));
+            println!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
+            differs.extend(parity.filter(|parity| !parity.holds()).map(|_| manifest.name.as_str()));
         }
         let camera = the_only_camera(&self.samples)?;
         let samples: BTreeMap<String, Vec<KnownPose>> = read_json(&self.samples.join("poses.json"))?;
@@ -57,7 +65,17 @@ impl Check {
             }
         }
         println!("\n{} of {poses} poses are right", poses - wrong);
-        if wrong == 0 { Ok(()) } else { Err(format!("{wrong} of {poses} poses are missing or wrong").into()) }
+        if wrong > 0 {
+            return Err(format!("{wrong} of {poses} poses are missing or wrong").into());
+        }
+        if !differs.is_empty() {
+            return Err(format!(
+                "networks that say something else than where they were trained: {}",
+                differs.join(", ")
+            )
+            .into());
+        }
+        Ok(())
     }
 }
 

@@ -43,11 +43,8 @@ pub(super) fn predict(
     let crops: Vec<&Resampled> = boxes.iter().flat_map(|Crops(crops)| crops).collect();
     let mut of_crops = Vec::with_capacity(crops.len());
     for batch in crops.chunks(MAX_BATCH) {
-        let outputs = run(manifest, network, batch)?;
-        let raw = match manifest.output {
-            KeypointOutput::Keypoints => decoded(manifest, &outputs, batch.len())?,
-            KeypointOutput::Heatmaps => from_heatmaps(manifest, &outputs, batch.len())?,
-        };
+        let rgb: Vec<u8> = batch.iter().flat_map(|crop| crop.rgb.iter().copied()).collect();
+        let raw = raw_keypoints(manifest, network, &rgb, batch.len())?;
         of_crops.extend(batch.iter().zip(raw).map(|(crop, raw)| {
             let image_from_crop = crop.crop_from_image.inverse();
             in_image(&image_from_crop, raw, &manifest.covariance_scale)
@@ -56,20 +53,29 @@ pub(super) fn predict(
     Ok(of_crops.chunks_exact(manifest.crop_ensemble.len()).map(average).collect())
 }
 
-fn run(manifest: &KeypointManifest, network: &mut dyn Network, crops: &[&Resampled]) -> Result<Outputs, RuntimeError> {
+/// What the network says of each crop, in crop pixels and with its own covariances. `rgb` holds the crops, one after
+/// another.
+pub(super) fn raw_keypoints(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    rgb: &[u8],
+    crops: usize,
+) -> Result<Vec<KeypointPrediction>, RuntimeError> {
     let side = manifest.input.size as usize;
-    let rgb: Vec<u8> = crops.iter().flat_map(|crop| crop.rgb.iter().copied()).collect();
-    match manifest.input.dtype {
-        ElementType::Uint8 => network.run(Input::Bytes { shape: [crops.len(), side, side, 3], values: &rgb }),
+    let outputs = match manifest.input.dtype {
+        ElementType::Uint8 => network.run(Input::Bytes { shape: [crops, side, side, 3], values: rgb })?,
         ElementType::Float32 => {
             let normalisation = manifest.input.normalisation();
-            let planes = to_planes(&rgb, side * side, normalisation.mean, normalisation.std);
-            network.run(Input::Floats { shape: [crops.len(), 3, side, side], values: &planes })
+            let planes = to_planes(rgb, side * side, normalisation.mean, normalisation.std);
+            network.run(Input::Floats { shape: [crops, 3, side, side], values: &planes })?
         }
+    };
+    match manifest.output {
+        KeypointOutput::Keypoints => decoded(manifest, &outputs, crops),
+        KeypointOutput::Heatmaps => from_heatmaps(manifest, &outputs, crops),
     }
 }
 
-/// One crop's keypoints, in crop pixels, with the network's own covariances.
 fn decoded(
     manifest: &KeypointManifest,
     outputs: &Outputs,

@@ -6,6 +6,7 @@ mod detect;
 mod gates;
 mod job;
 mod keypoints;
+mod parity;
 mod picture;
 mod pipeline;
 mod queue;
@@ -19,10 +20,11 @@ pub use answer::{
 pub use calibrate::{CalibrateError, MeasuredView, calibrate};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use keypoints::KeypointSolver;
+pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig, QueueStats};
 pub use report::{
     AlternativeReport, CallerFrames, DetectionReport, ImageReport, KeypointReport, ModelsReport, PlacedReport,
     PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
 };
-pub use workers::{StartError, Workers};
+pub use workers::StartError;

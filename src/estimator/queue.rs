@@ -6,7 +6,7 @@ use tokio::sync::{Semaphore, oneshot};
 
 use super::answer::Abandoned;
 use super::job::{Answer, Job, Place, QueueError, ReferenceWork, Solved, Task, Work};
-use super::workers::{self, Workers};
+use super::workers;
 use super::{Estimator, StartError};
 use crate::geometry::Camera;
 use crate::model::RuntimeError;
@@ -73,12 +73,12 @@ impl Queue {
     pub fn start(
         config: QueueConfig,
         make: impl Fn() -> Result<Estimator, RuntimeError> + Send + Sync + 'static,
-    ) -> Result<(Self, Workers), StartError> {
+    ) -> Result<Self, StartError> {
         let stats = Arc::new(QueueStats::default());
         let (jobs, receiver) = crossbeam_channel::bounded(config.limit);
-        let workers = workers::start(config, receiver, &(Arc::new(make) as _), &stats)?;
+        workers::start(config, receiver, &(Arc::new(make) as _), &stats)?;
         let (places, bytes) = (Arc::new(Semaphore::new(config.limit)), Arc::new(Semaphore::new(config.limit_bytes)));
-        Ok((Self { jobs, places, bytes, config, stats }, workers))
+        Ok(Self { jobs, places, bytes, config, stats })
     }
 
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.

@@ -3,7 +3,6 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender};
@@ -29,17 +28,6 @@ pub enum StartError {
     Panicked,
 }
 
-/// The threads of a queue.
-pub struct Workers(Vec<JoinHandle<()>>);
-
-impl Workers {
-    /// Whether all have ended.
-    #[must_use]
-    pub fn are_finished(&self) -> bool {
-        self.0.iter().all(JoinHandle::is_finished)
-    }
-}
-
 type Make = Arc<dyn Fn() -> Result<Estimator, RuntimeError> + Send + Sync>;
 
 /// A job with its pixels.
@@ -55,15 +43,14 @@ pub(super) fn start(
     jobs: Receiver<Job>,
     make: &Make,
     stats: &Arc<QueueStats>,
-) -> Result<Workers, StartError> {
+) -> Result<(), StartError> {
     // Without room: while the workers are busy, one batch is prepared and waits, and the next ones grow behind it.
     let (batches, batch) = crossbeam_channel::bounded(0);
     let (started, starts) = crossbeam_channel::unbounded();
-    let mut threads = Vec::with_capacity(config.workers + 1);
     for index in 0..config.workers {
         let (make, stats, batch, started) = (Arc::clone(make), Arc::clone(stats), batch.clone(), started.clone());
         let thread = std::thread::Builder::new().name(format!("worker-{index}"));
-        threads.push(thread.spawn(move || work(&make, &batch, &started, &stats))?);
+        thread.spawn(move || work(&make, &batch, &started, &stats))?;
     }
     drop((batch, started));
     for _ in 0..config.workers {
@@ -71,8 +58,8 @@ pub(super) fn start(
     }
     let thread = std::thread::Builder::new().name("prepare".into());
     let stats = Arc::clone(stats);
-    threads.push(thread.spawn(move || prepare(config, &jobs, &batches, &stats))?);
-    Ok(Workers(threads))
+    thread.spawn(move || prepare(config, &jobs, &batches, &stats))?;
+    Ok(())
 }
 
 /// Decodes what waits and hands it on in batches.

@@ -12,7 +12,7 @@ use super::grpc::PoseServiceServer;
 use super::metrics::Metrics;
 use super::telemetry::LogControl;
 use super::{App, CameraError, Cameras, Config, Shared, grpc, http};
-use crate::estimator::{Estimator, ModelsReport, Queue, StartError, Workers};
+use crate::estimator::{Estimator, ModelsReport, Queue, StartError};
 use crate::model::{Backend, Library, LoadError, References, Runtime};
 use crate::proto;
 
@@ -58,7 +58,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     tokio::spawn(admin_server);
 
     let loading = tokio::task::spawn_blocking(move || load(config));
-    let (app, workers) = tokio::select! {
+    let app = tokio::select! {
         loaded = loading => loaded.map_err(|_| ServeError::Panicked)??,
         () = signals.next() => return Ok(()),
     };
@@ -81,7 +81,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     let _ = stop.send(true);
     tokio::select! {
         results = &mut servers => {
-            tracing::info!("every accepted request is answered; workers ended: {}", workers.are_finished());
+            tracing::info!("every accepted request is answered");
             results.map(drop)
         }
         () = signals.next() => {
@@ -96,7 +96,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
 }
 
 /// Everything from disk, and the workers, warmed up.
-fn load(config: Config) -> Result<(App, Workers), ServeError> {
+fn load(config: Config) -> Result<App, ServeError> {
     let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
     let library = Arc::new(Library::load(&config.models)?);
     let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
@@ -114,11 +114,11 @@ fn load(config: Config) -> Result<(App, Workers), ServeError> {
     let models = ModelsReport::new(&library, runtime.provider());
     let (of_workers, references_of_workers) = (Arc::clone(&library), Arc::clone(&references));
     let make = move || Estimator::new(Arc::clone(&of_workers), Arc::clone(&references_of_workers), &runtime);
-    let (queue, workers) = Queue::start(config.queue(), make)?;
+    let queue = Queue::start(config.queue(), make)?;
     let metrics = Metrics::new(queue.clone(), &models);
     let recalibrating = tokio::sync::Mutex::new(());
     let app = Shared { queue, library, references, cameras, models, config, metrics, recalibrating };
-    Ok((Arc::new(app), workers))
+    Ok(Arc::new(app))
 }
 
 type Ending = tokio::task::JoinHandle<Result<(), ServeError>>;

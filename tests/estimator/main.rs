@@ -3,4 +3,5 @@
 
 mod formats;
 mod queue;
+mod real;
 mod script;

@@ -34,7 +34,7 @@ fn work(brightness: u8, time: Duration) -> Work {
 
 fn start(config: QueueConfig, script: Script) -> Queue {
     let models = Models::new(&Manifests::default(), script);
-    Queue::start(config, move || models.estimator()).unwrap().0
+    Queue::start(config, move || models.estimator()).unwrap()
 }
 
 /// A detector that stops at each image of brightness [`CUE`]: it says that it has come there, and waits to be let on.

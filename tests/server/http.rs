@@ -59,6 +59,20 @@ async fn bad_images_are_refused_and_the_next_good_one_works() {
     }
 }
 
+/// With the limits as they are by default, and a client that does not stop sending.
+#[tokio::test]
+async fn a_body_of_50_megabytes_is_refused() {
+    let server = Server::start(&[]);
+    // A client that is cut off while it sends may not come to read the answer.
+    if let Ok(response) =
+        Client::new().post(server.url(&format!("/v1/poses?{CAMERA}"))).body(vec![0; 50_000_000]).send().await
+    {
+        assert_eq!(response.status(), StatusCode::PAYLOAD_TOO_LARGE);
+        assert!(error(response).await.1.contains("max_body_bytes"));
+    }
+    assert_still_works(&server).await;
+}
+
 #[tokio::test]
 async fn bad_cameras_are_refused_by_name() {
     let server = Server::start(&[]);

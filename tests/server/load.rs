@@ -88,3 +88,24 @@ async fn a_shutdown_loses_no_accepted_request() {
     }
     assert!(server.wait(Duration::from_secs(20)).success());
 }
+
+/// A request that never ends holds a shutdown up, for `drain_seconds`; a second signal does not wait.
+#[tokio::test]
+async fn a_second_signal_ends_at_once() {
+    let mut server = Server::start(&["--drain-seconds", "600"]);
+    let mut unfinished = tokio::net::TcpStream::connect(server.http).await.unwrap();
+    let head = format!("POST /v1/poses?{CAMERA} HTTP/1.1\r\nhost: posed\r\ncontent-length: 1000\r\n\r\nabc");
+    tokio::io::AsyncWriteExt::write_all(&mut unfinished, head.as_bytes()).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    server.signal("-TERM");
+    // Draining: operators are told so, and the process is still there.
+    loop {
+        let response = reqwest::get(server.admin_url("/readyz")).await.unwrap();
+        if response.status() == StatusCode::SERVICE_UNAVAILABLE {
+            assert!(response.text().await.unwrap().contains("shutting down"));
+            break;
+        }
+    }
+    server.signal("-TERM");
+    assert!(server.wait(Duration::from_secs(20)).success());
+}

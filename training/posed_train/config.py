@@ -41,7 +41,7 @@ class DetectorConfig:
 
     labels: list[str]
     obj_ids: list[int]
-    photoreal: str
+    photoreal: str | list[str]  # half of every batch
     rasterised: str
     validation: str
     backgrounds: str = ""

@@ -3,6 +3,7 @@
 Input is the image fitted into 320 x 256 at the top left (`letterbox`), as the service does it.
 """
 
+import copy
 import csv
 import time
 from collections import OrderedDict
@@ -124,6 +125,10 @@ def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Genera
     area = lambda b: np.prod(b.reshape(-1, 2, 2)[:, 1] - b.reshape(-1, 2, 2)[:, 0], axis=1)  # noqa: E731
     sides = (boxes[:, 2:] - boxes[:, :2]).min(axis=1)
     keep = (area(boxes) > 0.35 * area(full.reshape(-1, 4))) & (sides >= MIN_BOX_PX)
+    if rng.random() < 0.5:
+        # A mirrored object is another object to its keypoint net, but takes the same place.
+        image = image[:, ::-1]
+        boxes[:, [0, 2]] = WIDTH - boxes[:, [2, 0]]
     pixels = image.astype(np.float32)
     pixels = 255 * (pixels / 255) ** np.exp(rng.normal(0, 0.2))
     pixels = pixels * rng.uniform(0.7, 1.3) * rng.uniform(0.9, 1.1, 3).astype(np.float32)
@@ -147,9 +152,10 @@ class Trainer:
         self.model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
             state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
-            prefix = "encoder."
+            prefix = "design.encoder."
             own = {k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)}
             self.model.backbone.encoder.load_state_dict(own)
+        self.average = copy.deepcopy(self.model)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 
     def train_step(self, samples: list[Sample]) -> float:
@@ -167,16 +173,23 @@ class Trainer:
         rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
         value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
         self.step += 1
+        optimise.follow(self.average, self.model, self.step)
         return value
 
     def save(self, path: Path) -> None:
-        state = {"step": self.step, "model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}
+        state = {
+            "step": self.step,
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
         optimise.save(state, path)
 
     def resume(self, path: Path) -> None:
         state = torch.load(path, map_location=DEVICE, weights_only=True)
         self.step = state["step"]
         self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
 
 
@@ -211,8 +224,12 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         trainer.resume(checkpoint)
-    splits = [split for split in (config.photoreal, config.rasterised) if split]
-    pools = [read_samples(root / split, config.obj_ids) for split in splits]
+    photoreal = [config.photoreal] if isinstance(config.photoreal, str) else config.photoreal
+    pools = [
+        [sample for split in splits for sample in read_samples(root / split, config.obj_ids)]
+        for splits in (photoreal, [config.rasterised] if config.rasterised else [])
+    ]
+    pools = [pool for pool in pools if pool]
     validation = read_samples(root / config.validation, config.obj_ids) if config.validation else []
     backgrounds = read_backgrounds(root / config.backgrounds, MIN_BACKGROUND_PX) if config.backgrounds else []
     rng = np.random.default_rng([config.seed, trainer.step])
@@ -229,11 +246,11 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
             if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == config.steps:
                 trainer.save(checkpoint)
                 validate = validation and trainer.step % VALIDATE_EVERY == 0
-                scores = recall(trainer.model, validation) if validate else {}
+                scores = recall(trainer.average, validation) if validate else {}
                 log.writerow([trainer.step, f"{time.time() - started:.0f}", f"{np.mean(losses):.4f}", scores])
                 log_file.flush()
                 bar.set_postfix(loss=f"{np.mean(losses):.3f}")
                 if scores:
                     bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.2f}" for k, v in scores.items()))
                 losses = []
-    return trainer.model
+    return trainer.average

@@ -13,11 +13,12 @@ import onnx
 import onnxruntime
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from PIL import Image
 from torch import Tensor, nn
 
 from . import detector
-from .bop import View
-from .crops import CROP_SCALE
+from .bop import View, read_rgb
+from .crops import CROP_SCALE, cut_crops
 from .data import Views
 from .heatmap import Decode
 from .network import KeypointNet
@@ -26,6 +27,7 @@ from .validate import CROP_ENSEMBLE, Predictor, predict_views
 OPSET = 18
 MIN_STORED_AS_HALF = 1024  # elements: small tensors keep full precision
 PARITY_TOLERANCE_PX = 0.02
+PARITY_CROPS = 3
 
 
 class KeypointExport(nn.Module):
@@ -192,6 +194,22 @@ def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -
     return np.median(np.array(squared), axis=0) / (2 * np.log(2))
 
 
+def write_parity(module: KeypointExport, network: Path, views: list[View]) -> None:
+    """`parity.png`, crops one below the other, and `parity.json`, where PyTorch sees their keypoints: whoever runs the
+    exported network elsewhere can compare. Refuses an export that differs here already."""
+    size = module.net.input_size
+    cut = [cut_crops(view, read_rgb(view.image_path), size, (1.0,))[0] for view in views]
+    crops = np.concatenate(cut) if cut else np.random.default_rng(1).integers(0, 256, (2, size, size, 3), np.uint8)
+    with torch.no_grad():
+        keypoints = module(torch.from_numpy(crops))[0].numpy()
+    apart = np.abs(predictor(network).run(crops)[0] - keypoints).max()
+    if apart > PARITY_TOLERANCE_PX:
+        raise RuntimeError(f"{network}: ONNX Runtime and PyTorch differ by {apart:.3f} px")
+    Image.fromarray(crops.reshape(-1, size, 3)).save(network.with_name("parity.png"), optimize=True)
+    expected = {"keypoints_px": keypoints.round(4).tolist(), "tolerance_px": PARITY_TOLERANCE_PX}
+    network.with_name("parity.json").write_text(json.dumps(expected, indent=1) + "\n")
+
+
 def export_keypoints(
     net: KeypointNet,
     views: Views,
@@ -200,7 +218,7 @@ def export_keypoints(
     training: dict,
     symmetries_discrete: list[list[float]] | None = None,
 ) -> None:
-    """Writes `keypoints.onnx` and `object.json`; refuses an export that differs from PyTorch."""
+    """Writes `keypoints.onnx`, `object.json` and the parity files; refuses an export that differs from PyTorch."""
     out.mkdir(parents=True, exist_ok=True)
     module = KeypointExport(net)
     fold_batch_norms(module)
@@ -208,13 +226,9 @@ def export_keypoints(
     example = torch.randint(0, 256, (2, net.input_size, net.input_size, 3), dtype=torch.uint8)
     path = out / "keypoints.onnx"
     onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
-    with torch.no_grad():
-        wanted = module(example)[0].numpy()
-    apart = np.abs(predictor(path).run(example.numpy())[0] - wanted).max()
-    if apart > PARITY_TOLERANCE_PX:
-        raise RuntimeError(f"{path}: ONNX Runtime and PyTorch differ by {apart:.3f} px")
     registration = views.registration
     held_out = [views.all[index] for index in views.held_out]
+    write_parity(module, path, held_out[:: max(1, len(held_out) // PARITY_CROPS)][:PARITY_CROPS])
     scale = covariance_scale(predictor(path), held_out, views.targets(views.held_out))
     manifest = {
         **identity,

@@ -13,7 +13,8 @@ SOLIDS = {
     "cube": [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
     "icosahedron": [point for a in (-1, 1) for b in (-GOLDEN, GOLDEN) for point in ([0, a, b], [a, b, 0], [b, 0, a])],
 }
-"""Regular solids by their vertices, before scaling."""
+SOLIDS["rhombic-dodecahedron"] = SOLIDS["cube"] + SOLIDS["octahedron"]
+"""Solids by the directions of their vertices, before scaling."""
 SHAPES = (*SOLIDS, "r-sphere", "r-volume")
 MAX_KEYPOINTS = 16  # what the solver takes
 MIN_SPREAD = 0.1

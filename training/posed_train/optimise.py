@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 WARM_UP_STEPS = 200
 MAX_GRADIENT_NORM = 5.0
+AVERAGE_DECAY = 0.998
 
 
 def learning_rate(peak: float, step: int, steps: int) -> float:
@@ -27,6 +28,17 @@ def descend(model: nn.Module, optimizer: torch.optim.Optimizer, loss: Tensor, ra
     torch.nn.utils.clip_grad_norm_(model.parameters(), MAX_GRADIENT_NORM)
     optimizer.step()
     return loss.item()
+
+
+@torch.no_grad()
+def follow(average: nn.Module, model: nn.Module, step: int) -> None:
+    """Moves the running average of the weights on; the average is what is validated and exported."""
+    decay = min(AVERAGE_DECAY, (step + 1) / (step + 10))
+    for mean, current in zip(average.state_dict().values(), model.state_dict().values()):
+        if mean.dtype.is_floating_point:
+            mean.lerp_(current, 1 - decay)
+        else:
+            mean.copy_(current)
 
 
 def save(state: dict, path: Path) -> None:

@@ -21,7 +21,6 @@ from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
-EMA_DECAY = 0.998
 FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
 
@@ -77,17 +76,8 @@ class Trainer:
         rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
         value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
         self.step += 1
-        self.update_average()
+        optimise.follow(self.average, self.model, self.step)
         return value
-
-    @torch.no_grad()
-    def update_average(self) -> None:
-        decay = min(EMA_DECAY, (self.step + 1) / (self.step + 10))
-        for average, current in zip(self.average.state_dict().values(), self.model.state_dict().values()):
-            if average.dtype.is_floating_point:
-                average.lerp_(current, 1 - decay)
-            else:
-                average.copy_(current)
 
     def save(self, path: Path) -> None:
         state = {

@@ -96,7 +96,7 @@ fn observe<T>(app: &App, route: &str, answer: &Result<T, Failure>, start: Instan
     let outcome = answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok");
     let duration = start.elapsed();
     app.metrics.request("grpc", route, outcome, duration);
-    tracing::info!(outcome, milliseconds = duration.as_secs_f64() * 1e3);
+    tracing::info!(outcome, ms = duration.as_millis());
 }
 
 /// The request's id, the caller's or a new one, and its W3C trace context.

@@ -34,8 +34,7 @@ pub(super) async fn observe(State(app): State<App>, request: Request, next: Next
     let duration = start.elapsed();
     let outcome = response.extensions().get::<FailureKind>().map_or("ok", |kind| kind.name());
     app.metrics.request("http", &route, outcome, duration);
-    let milliseconds = duration.as_secs_f64() * 1e3;
-    tracing::info!(parent: &span, status = response.status().as_u16(), outcome, milliseconds);
+    tracing::info!(parent: &span, status = response.status().as_u16(), outcome, ms = duration.as_millis());
     response.headers_mut().insert(REQUEST_ID, id);
     if let Some(value) = trace_parent {
         response.headers_mut().insert(TRACE_PARENT, value);
