@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 use posed::calibration::{
     AverageError, Click, ClickError, ClickedPair, Consensus, FrameClicks, Mode, Offset, average, reference_from_clicks,
 };
-use posed::geometry::{Camera, Pose, TriangulationError};
+use posed::geometry::{Camera, Pose, Symmetries, TriangulationError};
 use posed::pnp::{self, solve};
 use rand::rngs::SmallRng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -54,6 +54,32 @@ fn references(seed: u64, count: usize) -> Vec<Offset> {
             Offset::measure(&camera_from_object, &solution.pose, &solution.covariance)
         })
         .collect()
+}
+
+/// In every image the network may see the object turned by one of its symmetries: the references still agree.
+#[test]
+fn references_of_a_symmetric_object_agree() {
+    // About an axis along z through (2, 0, 0) mm.
+    let half_turn = Pose::new(Rotation3::new(Vector3::z() * std::f64::consts::PI), Vector3::x() * 0.004);
+    let symmetries = Symmetries::new(&[half_turn], Vec::new()).unwrap();
+    let turned: Vec<Offset> = references(11, 8)
+        .into_iter()
+        .enumerate()
+        .map(|(index, offset)| Offset {
+            object_from_keypoints: if index % 3 == 1 {
+                half_turn * offset.object_from_keypoints
+            } else {
+                offset.object_from_keypoints
+            },
+            ..offset
+        })
+        .collect();
+    let plain = average(&turned, Mode::Weighted, &Consensus::default()).unwrap();
+    assert!(plain.residuals.iter().any(|residual| !residual.inlier), "the test turns some references away");
+    let alike: Vec<Offset> = turned.iter().map(|offset| offset.nearest(&symmetries, &turned[0])).collect();
+    let averaged = average(&alike, Mode::Weighted, &Consensus::default()).unwrap();
+    assert!(averaged.residuals.iter().all(|residual| residual.inlier));
+    assert!(error_m(&averaged.offset) < 1e-3, "{}", error_m(&averaged.offset));
 }
 
 fn error_m(offset: &Offset) -> f64 {

@@ -11,7 +11,7 @@ mod clicks;
 pub use average::{AverageError, Averaged, Consensus, Mode, ReferenceResidual, average};
 pub use clicks::{Click, ClickError, ClickResidual, ClickedPair, ClickedReference, FrameClicks, reference_from_clicks};
 
-use crate::geometry::{Covariance6, Pose, block_diagonal, covariance_about, skew};
+use crate::geometry::{Covariance6, Pose, Symmetries, block_diagonal, covariance_about, skew};
 
 /// `object_from_keypoints` with its covariance along the axes of the frame `object`.
 #[derive(Clone, Debug)]
@@ -33,6 +33,17 @@ impl Offset {
             object_from_keypoints: object_from_camera * *camera_from_keypoints,
             covariance: turn * covariance * turn.transpose(),
         }
+    }
+
+    /// The same offset, measured on the one of the object's orientations that look alike which is nearest to another
+    /// offset's. A network sees any of them in an image, so the offsets of several images differ by such motions.
+    #[must_use]
+    pub fn nearest(&self, symmetries: &Symmetries, like: &Self) -> Self {
+        // `symmetry * offset` is the inverse of `offset⁻¹ * symmetry⁻¹`, and the group holds every inverse.
+        let (own, other) = (self.object_from_keypoints.inverse(), like.object_from_keypoints.inverse());
+        let object_from_keypoints = symmetries.nearest(&own, &other).inverse();
+        let turn = block_diagonal((object_from_keypoints * own).rotation().matrix());
+        Self { object_from_keypoints, covariance: turn * self.covariance * turn.transpose() }
     }
 
     /// Standard deviations over all axes: of the translation (metres) and of the rotation (radians).

@@ -51,7 +51,13 @@ pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> R
         }
     }
     let measured = |v: &MeasuredView| Offset::measure(&v.camera_from_object, &v.solution.pose, &v.solution.covariance);
-    let offsets: Vec<Offset> = views.iter().map(measured).collect();
+    let mut offsets: Vec<Offset> = views.iter().map(measured).collect();
+    // The best known one says which of the orientations that look alike is meant.
+    if let Some(best) = offsets.iter().min_by(|a, b| a.sigmas().1.total_cmp(&b.sigmas().1)).cloned() {
+        for offset in &mut offsets {
+            *offset = offset.nearest(&model.symmetries, &best);
+        }
+    }
     let averaged = average(&offsets, mode, &Consensus::default())?;
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {

@@ -15,7 +15,7 @@ use crate::pnp::{self, PnpError, Solution};
 use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, find_peak, to_planes};
 
 /// Crops that go through a network at once: more bring no speed, but memory.
-const MAX_BATCH: usize = 32;
+const MAX_BATCH: usize = 16;
 
 /// The crops of one box, for one object's network.
 pub(super) struct Crops(Vec<Resampled>);
@@ -43,7 +43,7 @@ pub(super) fn predict(
     let crops: Vec<&Resampled> = boxes.iter().flat_map(|Crops(crops)| crops).collect();
     let mut of_crops = Vec::with_capacity(crops.len());
     for batch in crops.chunks(MAX_BATCH) {
-        let rgb: Vec<u8> = batch.iter().flat_map(|crop| crop.rgb.iter().copied()).collect();
+        let rgb = batch.iter().map(|crop| crop.rgb.as_slice()).collect::<Vec<_>>().concat();
         let raw = raw_keypoints(manifest, network, &rgb, batch.len())?;
         of_crops.extend(batch.iter().zip(raw).map(|(crop, raw)| {
             let image_from_crop = crop.crop_from_image.inverse();

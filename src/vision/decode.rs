@@ -115,7 +115,7 @@ pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeEr
 /// Decoders fill the missing part of a JPEG with grey and report success, which would cost a detection in silence. Here
 /// the end marker must follow the last scan (markers cannot occur inside a scan's data).
 fn jpeg_is_truncated(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
+    let last = |marker: u8| memchr::memmem::rfind(bytes, &[0xFF, marker]);
     match (last(0xDA), last(0xD9)) {
         (Some(start_of_scan), Some(end_of_image)) => end_of_image < start_of_scan,
         (Some(_), None) => true,

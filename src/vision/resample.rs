@@ -83,9 +83,17 @@ pub fn crop_square(
     let top_left = centre.add_scalar(0.5 - side / 2.0);
     let first = top_left.map(f64::floor);
     let last = top_left.add_scalar(side).map(f64::ceil);
-    let canvas = cut_padded(image, first, last);
-    let offset = top_left - first;
-    let available = last - first - offset;
+    let image_size = Vector2::new(f64::from(image.width()), f64::from(image.height()));
+    let inside = first.min() >= 0.0 && (image_size - last).min() >= 0.0;
+    let padded;
+    let (canvas, origin) = if inside {
+        (image, Vector2::zeros())
+    } else {
+        padded = cut_padded(image, first, last);
+        (&padded, first)
+    };
+    let offset = top_left - origin;
+    let available = last - top_left;
     let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear)).crop(
         offset.x,
         offset.y,

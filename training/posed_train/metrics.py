@@ -9,17 +9,20 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True)
 class Model:
-    """What scoring needs of an object's mesh: vertices in metres, the diameter, and whether it is symmetric."""
+    """What scoring needs of an object's mesh: vertices and diameter in metres, and its symmetries."""
 
     vertices: np.ndarray
     diameter: float
     symmetric: bool
+    motions: np.ndarray  # [S, 4, 4] under which the object looks the same, identity first; discrete ones alone
 
 
 def load_model(path, info: dict) -> Model:
     vertices = np.asarray(trimesh.load(path, process=False).vertices) * 1e-3
     symmetric = bool(info.get("symmetries_discrete") or info.get("symmetries_continuous"))
-    return Model(vertices, info["diameter"] * 1e-3, symmetric)
+    motions = np.array([np.eye(4).ravel(), *info.get("symmetries_discrete", [])]).reshape(-1, 4, 4)
+    motions[:, :3, 3] *= 1e-3
+    return Model(vertices, info["diameter"] * 1e-3, symmetric, motions)
 
 
 def transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:

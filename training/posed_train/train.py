@@ -37,6 +37,17 @@ def predictor(model: KeypointNet) -> Predictor:
     return Predictor(model.input_size, predict)
 
 
+def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
+    """Takes a trained net's weights. Of a head for another number of keypoints it takes the first ones: the solids'
+    vertices come in a fixed order, and a rhombic dodecahedron's first eight are the cube's."""
+    own = model.state_dict()
+    for name, value in weights.items():
+        if name in own and own[name].shape[1:] == value.shape[1:] and own[name].shape != value.shape:
+            count = min(len(own[name]), len(value))
+            weights[name] = torch.cat([value[:count], own[name][count:]])
+    model.load_state_dict(weights)
+
+
 class Trainer:
     """Holds everything a checkpoint must hold."""
 
@@ -46,7 +57,7 @@ class Trainer:
         self.keypoints = torch.from_numpy(keypoints).float().to(DEVICE)
         self.model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
-            self.model.load_state_dict(torch.load(init, map_location=DEVICE, weights_only=True)["average"])
+            start_from(self.model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
         self.average = copy.deepcopy(self.model)
         self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
 

@@ -75,9 +75,10 @@ def score(
     """ADD(-S) < 10 % of the diameter, Proj-5 and 5 deg 5 cm, as percentages, and median errors."""
     add, proj, rotation, translation, pixels = [], [], [], [], []
     for prediction in predictions:
-        truth = prediction.view.camera_from_object
-        expected = project(prediction.view.camera_matrix, truth @ np.linalg.inv(keypoints_from_object), keypoints)
-        pixels.append(np.median(np.linalg.norm(prediction.keypoints - expected, axis=1)))
+        alike = prediction.view.camera_from_object @ model.motions
+        cameras = np.repeat(prediction.view.camera_matrix[None], len(alike), axis=0)
+        expected = project(cameras, alike @ np.linalg.inv(keypoints_from_object), keypoints)
+        pixels.append(np.median(np.linalg.norm(prediction.keypoints - expected, axis=-1), axis=-1).min())
         pose = solve_pose(keypoints, prediction)
         if pose is None:
             add.append(np.inf)
@@ -86,6 +87,7 @@ def score(
             translation.append(np.inf)
             continue
         estimate = pose @ keypoints_from_object
+        truth = min(alike, key=lambda equal: metrics.rotation_error_deg(estimate, equal))
         add.append(metrics.add(model, estimate, truth))
         proj.append(metrics.projection_error_px(model, estimate, truth, prediction.view.camera_matrix))
         rotation.append(metrics.rotation_error_deg(estimate, truth))

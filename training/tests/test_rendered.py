@@ -92,6 +92,27 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     crops = np.zeros((3, 128, 128, 3), np.uint8)
     keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx").run(crops)
     assert keypoints.shape == (3, 8, 2) and covariances.shape == (3, 8, 2, 2) and peaks.shape == (3, 8)
+    # What others are to compare with.
+    parity = json.loads((out / "parity.json").read_text())
+    crops = cv2.imread(str(out / "parity.png"), cv2.IMREAD_COLOR_RGB).reshape(-1, 128, 128, 3)
+    again = export.predictor(out / "keypoints.onnx").run(crops)[0]
+    np.testing.assert_allclose(again, parity["keypoints_px"], atol=parity["tolerance_px"])
+    assert np.ptp(again, axis=0).max() > 1, "the crops differ, and so do their keypoints"
+
+
+def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(rendered, tmp_path):
+    views = data.Views(CUBE, rendered)
+    first = train.Trainer(CUBE, views.registration.keypoints, None)
+    first.save(tmp_path / "checkpoint.pt")
+    more = replace(CUBE, keypoint_shape="rhombic-dodecahedron")
+    keypoints = data.Views(more, rendered).registration.keypoints
+    assert np.allclose(keypoints[:8], views.registration.keypoints)
+    started = train.Trainer(more, keypoints, tmp_path / "checkpoint.pt").model.state_dict()
+    for name, value in first.average.state_dict().items():
+        assert torch.equal(started[name][: len(value)] if value.ndim else started[name], value), name
+    settings = config.DetectorConfig(["cube"], [1], "train", "", "", steps=1, batch=1)
+    encoder = detector.Trainer(settings, tmp_path / "checkpoint.pt").model.backbone.encoder.state_dict()
+    assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
 
 
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
