@@ -14,7 +14,7 @@ use posed::estimator::{
 use posed::geometry::{Camera, Covariance6, Pose};
 use posed::model::Provider;
 use posed::pnp::{Options, Verdict, solve};
-use posed::vision::{BoundingBox, DecodeOptions, Letterbox, crop_square, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, crop_square, decode, letterbox};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
@@ -87,7 +87,7 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         estimate,
         width: 640,
         height: 480,
-        exif_orientation: 1,
+        exif: Exif { orientation: 1, applied: false },
         camera_scaled_from: None,
         image: None,
         batch_size: 1,

@@ -77,7 +77,7 @@ fn estimate(
 ) -> Result<Answer, Box<dyn Error>> {
     let bytes = fs::read(path)?;
     let start = Instant::now();
-    let Decoded { image, exif_orientation } = decode(&bytes, options)?;
+    let Decoded { image, exif } = decode(&bytes, options)?;
     let decode = start.elapsed();
     let estimate = estimator.estimate(&image, camera)?;
     let (width, height) = image.dimensions();
@@ -85,7 +85,7 @@ fn estimate(
         estimate,
         width,
         height,
-        exif_orientation,
+        exif,
         camera_scaled_from: camera.size().filter(|size| *size != (width, height)),
         image: Some(image),
         batch_size: 1,

@@ -9,7 +9,7 @@ use tokio::sync::{OwnedSemaphorePermit, oneshot};
 use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
 use crate::geometry::Camera;
 use crate::pnp::Solution;
-use crate::vision::{BoundingBox, DecodeError};
+use crate::vision::{BoundingBox, DecodeError, Exif};
 
 /// One image to estimate poses from.
 #[derive(Clone, Debug)]
@@ -42,8 +42,7 @@ pub struct Answer {
     pub estimate: Estimate,
     pub width: u32,
     pub height: u32,
-    /// EXIF orientation that the image stated, 1..=8.
-    pub exif_orientation: u8,
+    pub exif: Exif,
     /// The size that the camera was calibrated for, where it was scaled to this image's.
     pub camera_scaled_from: Option<(u32, u32)>,
     /// The pixels, where they were asked for.

@@ -24,7 +24,7 @@ pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig, QueueStats};
 pub use report::{
-    AlternativeReport, CallerFrames, DetectionReport, ImageReport, KeypointReport, ModelsReport, PlacedReport,
-    PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
+    AlternativeReport, CallerFrames, DetectionReport, ExifReport, ImageReport, KeypointReport, ModelsReport,
+    PlacedReport, PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
 };
 pub use workers::StartError;

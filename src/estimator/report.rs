@@ -11,6 +11,7 @@ use super::job::Answer;
 use crate::geometry::{Covariance6, Pose, block_diagonal};
 use crate::model::{Library, Provider};
 use crate::pnp::{Reason, Reasons, Status};
+use crate::vision::Exif;
 
 /// What an answer says beside its poses.
 #[derive(Clone, Copy, Debug)]
@@ -52,12 +53,21 @@ pub struct Report {
 pub struct ImageReport {
     pub width: u32,
     pub height: u32,
-    /// EXIF orientation that the file states, where it is not 1 ("as stored"): applied or ignored as the server is set.
+    /// How the file asks to be turned, where it does.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub exif_orientation: Option<u8>,
+    pub exif: Option<ExifReport>,
     /// Width and height that the camera was calibrated for, where its parameters were scaled to this image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_scaled_from: Option<[u32; 2]>,
+}
+
+/// An EXIF orientation other than "as stored".
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ExifReport {
+    /// 2..=8.
+    pub orientation: u8,
+    /// Whether the image was turned, and the camera and all pixels mean the turned image; else they mean the stored one.
+    pub applied: bool,
 }
 
 /// One detected object. Fields of the pose are absent when no pose could be solved.
@@ -195,7 +205,9 @@ impl Report {
             image: ImageReport {
                 width: answer.width,
                 height: answer.height,
-                exif_orientation: Some(answer.exif_orientation).filter(|orientation| *orientation != 1),
+                exif: Some(answer.exif)
+                    .filter(|exif| exif.orientation != 1)
+                    .map(|Exif { orientation, applied }| ExifReport { orientation, applied }),
                 camera_scaled_from: answer.camera_scaled_from.map(|(width, height)| [width, height]),
             },
             poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),

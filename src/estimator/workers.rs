@@ -214,7 +214,7 @@ fn measure(estimator: &mut Estimator, prepared: Prepared, stats: &QueueStats) ->
 
 impl Prepared {
     fn answer(self, estimate: Estimate, batch_size: usize) {
-        let Self { job, decoded: Decoded { image, exif_orientation }, queued, decode } = self;
+        let Self { job, decoded: Decoded { image, exif }, queued, decode } = self;
         let Job { task, camera, arrived, place, .. } = job;
         drop(place);
         let Task::Poses { keep_image, reply, .. } = task else { return };
@@ -223,7 +223,7 @@ impl Prepared {
             estimate,
             width,
             height,
-            exif_orientation,
+            exif,
             camera_scaled_from: camera.size().filter(|size| *size != (width, height)),
             image: keep_image.then_some(image),
             batch_size,

@@ -37,8 +37,16 @@ pub enum OrientationPolicy {
 #[derive(Clone, Debug)]
 pub struct Decoded {
     pub image: RgbImage,
-    /// EXIF orientation, 1..=8: 1 is "as stored".
-    pub exif_orientation: u8,
+    pub exif: Exif,
+}
+
+/// How an image asks to be turned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exif {
+    /// 1..=8: 1 is "as stored".
+    pub orientation: u8,
+    /// Whether it was turned so.
+    pub applied: bool,
 }
 
 /// Smaller than this and no object could be seen in it.
@@ -106,10 +114,12 @@ pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeEr
             DecodeError::Damaged(error)
         }
     })?;
-    if exif_orientation == OrientationPolicy::Apply {
+    let applied = exif_orientation == OrientationPolicy::Apply && orientation != Orientation::NoTransforms;
+    if applied {
         image.apply_orientation(orientation);
     }
-    Ok(Decoded { image: image.into_rgb8(), exif_orientation: orientation.to_exif() })
+    let exif = Exif { orientation: orientation.to_exif(), applied };
+    Ok(Decoded { image: image.into_rgb8(), exif })
 }
 
 /// Decoders fill the missing part of a JPEG with grey and report success, which would cost a detection in silence. Here
@@ -196,9 +206,10 @@ mod tests {
             |exif_orientation| decode(&turned(6), &DecodeOptions { exif_orientation, ..DecodeOptions::default() });
         assert!(matches!(decoded(OrientationPolicy::Refuse), Err(DecodeError::Orientation(6))));
         let stored = decoded(OrientationPolicy::Ignore).unwrap();
-        assert_eq!((stored.image.dimensions(), stored.exif_orientation), ((64, 48), 6));
+        assert_eq!((stored.image.dimensions(), stored.exif), ((64, 48), Exif { orientation: 6, applied: false }));
         let applied = decoded(OrientationPolicy::Apply).unwrap();
         assert_eq!(applied.image, image::imageops::rotate90(&stored.image));
+        assert!(applied.exif.applied);
         assert!(decode(&turned(1), &DecodeOptions::default()).is_ok());
     }
 

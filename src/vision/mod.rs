@@ -6,7 +6,7 @@ mod overlay;
 mod resample;
 mod tensor;
 
-pub use decode::{DecodeError, DecodeOptions, Decoded, OrientationPolicy, decode};
+pub use decode::{DecodeError, DecodeOptions, Decoded, Exif, OrientationPolicy, decode};
 pub use heatmap::{Peak, find_peak};
 pub use overlay::{Mark, PoseMark, draw_marks, encode};
 pub use resample::{BoundingBox, Letterbox, ResampleError, Resampled, crop_square, letterbox};

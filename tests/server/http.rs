@@ -124,6 +124,33 @@ async fn every_kind_of_pixel_is_answered() {
     assert_eq!(post(&server, CAMERA, png(&image.to_luma8().into())).await.status(), StatusCode::OK);
 }
 
+/// A phone's photo: stored as the sensor read it, to be turned before it is looked at.
+#[tokio::test]
+async fn a_turned_image_is_refused_applied_or_ignored_as_the_server_is_set() {
+    let sample = &samples()[0];
+    let jpeg = read(&sample.file);
+    // An EXIF segment that states orientation 3, a half turn.
+    let exif = b"\xFF\xE1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
+    let turned = [&jpeg[..2], exif, &jpeg[2..]].concat();
+    let server = Server::start(&[]);
+    let response = post(&server, CAMERA, turned.clone()).await;
+    assert_eq!(response.status(), StatusCode::BAD_REQUEST);
+    assert!(error(response).await.1.contains("orientation 3"));
+    let server = Server::start(&["--exif-orientation", "ignore"]);
+    let answer = json(post(&server, CAMERA, turned.clone()).await).await;
+    assert_right(sample, &answer);
+    assert_eq!(answer["image"]["exif"], serde_json::json!({"orientation": 3, "applied": false}));
+    let server = Server::start(&["--exif-orientation", "apply"]);
+    let answer = json(post(&server, CAMERA, turned).await).await;
+    assert_eq!(answer["image"]["exif"]["applied"], true);
+    // The cube is where it was, but for the half turn of the picture.
+    let x = |answer: &Value| {
+        let cube = answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap().clone();
+        cube["camera_from_object"]["translation_m"][0].as_f64().unwrap()
+    };
+    assert!((x(&answer) + x(&json(post(&server, CAMERA, jpeg).await).await)).abs() < 0.02);
+}
+
 #[tokio::test]
 async fn a_picture_is_given_where_one_is_accepted() {
     let server = Server::start(&[]);

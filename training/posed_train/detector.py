@@ -3,7 +3,6 @@
 Input is the image fitted into 320 x 256 at the top left (`letterbox`), as the service does it.
 """
 
-import copy
 import csv
 import time
 from collections import OrderedDict
@@ -143,20 +142,18 @@ def to_tensor(images: list[np.ndarray]) -> Tensor:
     return torch.from_numpy(np.stack(images)).to(DEVICE).permute(0, 3, 1, 2).float() / 255
 
 
-class Trainer:
-    """Holds everything a checkpoint must hold."""
+class Trainer(optimise.Run):
+    """The detector's training."""
 
     def __init__(self, config: DetectorConfig, encoder: Path | None):
         torch.manual_seed(config.seed)
-        self.config, self.step = config, 0
-        self.model = build(len(config.labels)).to(DEVICE)
+        model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
             state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
             prefix = "design.encoder."
             own = {k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)}
-            self.model.backbone.encoder.load_state_dict(own)
-        self.average = copy.deepcopy(self.model)
-        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
+            model.backbone.encoder.load_state_dict(own)
+        super().__init__(model, config.learning_rate, config.steps)
 
     def train_step(self, samples: list[Sample]) -> float:
         self.model.train()
@@ -170,27 +167,7 @@ class Trainer:
         with torch.autocast(DEVICE.type, torch.bfloat16):
             losses = self.model(list(to_tensor([s.image for s in samples])), targets)
         loss = sum(losses.values())
-        rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
-        value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
-        self.step += 1
-        optimise.follow(self.average, self.model, self.step)
-        return value
-
-    def save(self, path: Path) -> None:
-        state = {
-            "step": self.step,
-            "model": self.model.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
-        optimise.save(state, path)
-
-    def resume(self, path: Path) -> None:
-        state = torch.load(path, map_location=DEVICE, weights_only=True)
-        self.step = state["step"]
-        self.model.load_state_dict(state["model"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        return self.descend(loss)
 
 
 @torch.no_grad()
@@ -223,7 +200,7 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
     trainer = Trainer(config, encoder)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
-        trainer.resume(checkpoint)
+        trainer.resume(checkpoint, DEVICE)
     photoreal = [config.photoreal] if isinstance(config.photoreal, str) else config.photoreal
     pools = [
         [sample for split in splits for sample in read_samples(root / split, config.obj_ids)]

@@ -1,5 +1,6 @@
 """One step of gradient descent, and checkpoints: the same for keypoint nets and the detector."""
 
+import copy
 import math
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 WARM_UP_STEPS = 200
 MAX_GRADIENT_NORM = 5.0
 AVERAGE_DECAY = 0.998
+PARTS = ("model", "average", "optimizer")
 
 
 def learning_rate(peak: float, step: int, steps: int) -> float:
@@ -17,17 +19,37 @@ def learning_rate(peak: float, step: int, steps: int) -> float:
     return peak * min(1.0, (step + 1) / WARM_UP_STEPS) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
 
-def descend(model: nn.Module, optimizer: torch.optim.Optimizer, loss: Tensor, rate: float, step: int) -> float:
-    """Applies one step and returns the loss; refuses a loss that is not finite before it can spoil the weights."""
-    if not torch.isfinite(loss):
-        raise FloatingPointError(f"step {step}: the loss is {loss.item()}; lower learning_rate and resume")
-    for group in optimizer.param_groups:
-        group["lr"] = rate
-    optimizer.zero_grad(set_to_none=True)
-    loss.backward()
-    torch.nn.utils.clip_grad_norm_(model.parameters(), MAX_GRADIENT_NORM)
-    optimizer.step()
-    return loss.item()
+class Run:
+    """A training in progress: everything that a checkpoint must hold."""
+
+    def __init__(self, model: nn.Module, learning_rate: float, steps: int):
+        self.model, self.peak, self.steps, self.step = model, learning_rate, steps, 0
+        self.average = copy.deepcopy(model)
+        self.optimizer = torch.optim.AdamW(model.parameters(), lr=learning_rate, weight_decay=1e-4)
+
+    def descend(self, loss: Tensor) -> float:
+        """Applies one step and returns the loss; refuses a loss that is not finite before it can spoil the weights."""
+        if not torch.isfinite(loss):
+            raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}; lower learning_rate and resume")
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(self.peak, self.step, self.steps)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), MAX_GRADIENT_NORM)
+        self.optimizer.step()
+        self.step += 1
+        follow(self.average, self.model, self.step)
+        return loss.item()
+
+    def save(self, path: Path) -> None:
+        parts = {name: getattr(self, name).state_dict() for name in PARTS}
+        save({"step": self.step, **parts}, path)
+
+    def resume(self, path: Path, device: torch.device) -> None:
+        state = torch.load(path, map_location=device, weights_only=True)
+        self.step = state["step"]
+        for name in PARTS:
+            getattr(self, name).load_state_dict(state[name])
 
 
 @torch.no_grad()

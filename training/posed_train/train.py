@@ -1,6 +1,5 @@
 """The training loop of a keypoint net."""
 
-import copy
 import time
 from pathlib import Path
 
@@ -48,18 +47,17 @@ def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
     model.load_state_dict(weights)
 
 
-class Trainer:
-    """Holds everything a checkpoint must hold."""
+class Trainer(optimise.Run):
+    """A keypoint net's training."""
 
     def __init__(self, config: KeypointConfig, keypoints: np.ndarray, init: Path | None):
         torch.manual_seed(config.seed)
-        self.config, self.step = config, 0
+        self.config = config
         self.keypoints = torch.from_numpy(keypoints).float().to(DEVICE)
-        self.model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
+        model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
-            start_from(self.model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
-        self.average = copy.deepcopy(self.model)
-        self.optimizer = torch.optim.AdamW(self.model.parameters(), lr=config.learning_rate, weight_decay=1e-4)
+            start_from(model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
+        super().__init__(model, config.learning_rate, config.steps)
 
     def forward(self, images: Tensor) -> Tensor:
         self.model.train()
@@ -83,29 +81,6 @@ class Trainer:
         consistency = self.config.loss == "pairwise"
         return self.descend(pairwise.pairwise_loss(self.keypoints, first, second, batch.second_from_first, consistency))
 
-    def descend(self, loss: Tensor) -> float:
-        rate = optimise.learning_rate(self.config.learning_rate, self.step, self.config.steps)
-        value = optimise.descend(self.model, self.optimizer, loss, rate, self.step)
-        self.step += 1
-        optimise.follow(self.average, self.model, self.step)
-        return value
-
-    def save(self, path: Path) -> None:
-        state = {
-            "step": self.step,
-            "model": self.model.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
-        optimise.save(state, path)
-
-    def resume(self, path: Path) -> None:
-        state = torch.load(path, map_location=DEVICE, weights_only=True)
-        self.step = state["step"]
-        self.model.load_state_dict(state["model"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
-
 
 def train(
     config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0
@@ -122,7 +97,7 @@ def train(
     trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
-        trainer.resume(checkpoint)
+        trainer.resume(checkpoint, DEVICE)
     validator = Validator(config, root, views)
     source, step = (
         (data, trainer.component_step) if config.loss == "component" else (Pairs(config, views), trainer.pairwise_step)

@@ -85,7 +85,8 @@ pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsReport
         }),
         poses: answer.estimate.poses.iter().map(|found| object_pose(found, &options.frames)).collect(),
         captured_at: options.captured_at.clone().unwrap_or_default(),
-        exif_orientation: answer.exif_orientation.into(),
+        exif_orientation: answer.exif.orientation.into(),
+        exif_applied: answer.exif.applied,
         camera_scaled_from_width: scaled_from_width,
         camera_scaled_from_height: scaled_from_height,
         models: Some(proto::Models {
