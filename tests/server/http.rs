@@ -3,7 +3,9 @@
 use reqwest::{Client, StatusCode};
 use serde_json::Value;
 
-use crate::support::{CAMERA, Server, assert_right, assert_still_works, error, json, png, post, read, root, samples};
+use crate::support::{
+    CAMERA, Server, assert_right, assert_still_works, error, json, png, post, read, root, samples, two_cubes,
+};
 
 #[tokio::test]
 async fn every_sample_is_answered_right() {
@@ -173,20 +175,24 @@ async fn a_picture_is_given_where_one_is_accepted() {
 #[tokio::test]
 async fn a_selection_is_kept() {
     let server = Server::start(&[]);
-    let image = read(&samples()[0].file);
-    let objects = async |query: &str| -> Vec<String> {
-        let answer = json(post(&server, &format!("{CAMERA}&{query}"), image.clone()).await).await;
-        let poses = answer["poses"].as_array().unwrap().clone();
-        poses.iter().map(|pose| pose["object"].as_str().unwrap().to_owned()).collect()
+    let poses = async |query: &str| -> Vec<Value> {
+        let answer = json(post(&server, &format!("{CAMERA}&{query}"), two_cubes()).await).await;
+        answer["poses"].as_array().unwrap().clone()
     };
-    assert!(objects("objects=cube").await.iter().all(|name| name == "cube"));
-    let all = objects("objects=cube,bracket").await;
-    let one_each = objects("max_instances=1").await;
-    assert!(all.len() > one_each.len() && one_each.len() == 2, "{all:?} {one_each:?}");
-    let answer = json(post(&server, &format!("{CAMERA}&min_confidence=0.6"), image.clone()).await).await;
-    let confidences: Vec<f64> =
-        answer["poses"].as_array().unwrap().iter().map(|pose| pose["confidence"].as_f64().unwrap()).collect();
-    assert!(confidences.iter().all(|confidence| *confidence >= 0.6) && confidences.len() < all.len());
+    let count = |poses: &[Value], object: &str| poses.iter().filter(|pose| pose["object"] == object).count();
+    let all = poses("").await;
+    assert!(count(&all, "cube") >= 2, "{all:?}");
+    assert_eq!(count(&poses("max_instances=1").await, "cube"), 1);
+    let cubes = poses("objects=cube,bracket").await;
+    assert_eq!(count(&cubes, "cube") + count(&cubes, "bracket"), cubes.len());
+    assert_eq!(count(&poses("objects=bracket").await, "cube"), 0);
+    let confidence = |pose: &Value| pose["confidence"].as_f64().unwrap();
+    let mut confidences: Vec<f64> = all.iter().map(confidence).collect();
+    confidences.sort_by(f64::total_cmp);
+    let limit = f64::midpoint(confidences[0], confidences[confidences.len() - 1]);
+    let sure = poses(&format!("min_confidence={limit}")).await;
+    assert_eq!(sure.len(), confidences.iter().filter(|confidence| **confidence >= limit).count());
+    assert!(sure.len() < all.len() && sure.iter().all(|pose| confidence(pose) >= limit));
 }
 
 #[tokio::test]

@@ -4,12 +4,12 @@ use reqwest::multipart::{Form, Part};
 use reqwest::{Client, Response, StatusCode};
 use serde_json::{Value, json as value};
 
-use crate::support::{CAMERA, Server, copy_of, error, json, post, read, samples};
+use crate::support::{CAMERA, Server, copy_of, error, json, post, read, samples, two_cubes};
 
-async fn put(server: &Server, object: &str, images: usize, request: &Value) -> Response {
-    let image = || Part::bytes(read(&samples()[0].file)).file_name("image.jpg");
-    let form =
-        (0..images).fold(Form::new(), |form, _| form.part("image", image())).text("request", request.to_string());
+async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
+    let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image");
+    let form = images.iter().fold(Form::new(), |form, bytes| form.part("image", image(bytes)));
+    let form = form.text("request", request.to_string());
     Client::new().put(server.url(&format!("/v1/objects/{object}/reference"))).multipart(form).send().await.unwrap()
 }
 
@@ -33,7 +33,7 @@ async fn a_new_reference_takes_effect_at_once_and_stays() {
     pose["translation_m"][0] = (x + 0.5).into();
     // Without a box: the detector's.
     let request = value!({"references": [{"camera": "demo", "camera_from_object": pose}]});
-    let response = put(&server, "cube", 1, &request).await;
+    let response = put(&server, "cube", &[read(&samples()[0].file)], &request).await;
     assert_eq!(response.status(), StatusCode::OK);
     assert_eq!(json(response).await["method"], "single");
     let moved = |pose: &Value| pose["camera_from_object"]["translation_m"][0].as_f64().unwrap() - x;
@@ -54,23 +54,30 @@ async fn what_cannot_be_measured_changes_nothing() {
         known.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
         value!({"references": [known]})
     };
+    let image = read(&samples()[0].file);
     let cases = [
-        ("teapot", 1, known(&value!({})), StatusCode::NOT_FOUND, "known objects"),
-        ("cube", 2, known(&value!({})), StatusCode::BAD_REQUEST, "2 parts 'image' for 1"),
-        ("cube", 1, known(&value!({"colour": 1})), StatusCode::BAD_REQUEST, "colour"),
-        ("cube", 1, known(&value!({"camera": "left"})), StatusCode::NOT_FOUND, "left"),
+        ("teapot", vec![image.clone()], known(&value!({})), StatusCode::NOT_FOUND, "known objects"),
+        (
+            "cube",
+            vec![image.clone(), image.clone()],
+            known(&value!({})),
+            StatusCode::BAD_REQUEST,
+            "2 parts 'image' for 1",
+        ),
+        ("cube", vec![image.clone()], known(&value!({"colour": 1})), StatusCode::BAD_REQUEST, "colour"),
+        ("cube", vec![image.clone()], known(&value!({"camera": "left"})), StatusCode::NOT_FOUND, "left"),
         // An empty corner of the picture.
         (
             "cube",
-            1,
+            vec![image.clone()],
             known(&value!({"box_px": [5, 5, 40, 40]})),
             StatusCode::UNPROCESSABLE_ENTITY,
             "larger and unoccluded",
         ),
-        ("bracket", 1, known(&value!({})), StatusCode::UNPROCESSABLE_ENTITY, "more than once"),
+        ("cube", vec![two_cubes()], known(&value!({})), StatusCode::UNPROCESSABLE_ENTITY, "more than once"),
     ];
     for (object, images, request, status, words) in cases {
-        let response = put(&server, object, images, &request).await;
+        let response = put(&server, object, &images, &request).await;
         let found = response.status();
         let (_, message) = error(response).await;
         assert!(found == status && message.contains(words), "{object} {request}: {found} {message}");
@@ -81,7 +88,7 @@ async fn what_cannot_be_measured_changes_nothing() {
 #[tokio::test]
 async fn it_is_off_unless_allowed() {
     let server = Server::start(&[]);
-    let response = put(&server, "cube", 1, &value!({"references": []})).await;
+    let response = put(&server, "cube", &[read(&samples()[0].file)], &value!({"references": []})).await;
     assert_eq!(response.status(), StatusCode::FORBIDDEN);
     assert!(error(response).await.1.contains("--recalibration"));
 }

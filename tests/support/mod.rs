@@ -218,6 +218,13 @@ pub async fn assert_still_works(server: &Server) {
     assert_right(sample, &json(response).await);
 }
 
+/// The left part of the first sample, which shows a cube, twice side by side.
+pub fn two_cubes() -> Vec<u8> {
+    let sample = image::open(&samples()[0].file).unwrap().into_rgb8();
+    let twice = image::RgbImage::from_fn(640, 480, |x, y| *sample.get_pixel(x % 320, y));
+    png(&twice.into())
+}
+
 /// An image as a PNG file.
 pub fn png(image: &image::DynamicImage) -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
