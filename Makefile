@@ -13,7 +13,7 @@ build: ## Builds the program.
 
 serve: onnxruntime build ## Serves the bundled models on ports 8080 (HTTP) and 9000 (gRPC).
 	@echo
-	@echo "Once it says 'http on', in another terminal:"
+	@echo "Once it says 'ready', in another terminal:"
 	@echo "  curl --data-binary @samples/$(firstword $(notdir $(wildcard samples/*.jpg))) 'localhost:8080/v1/poses?camera=demo'"
 	@echo
 	target/release/posed serve --cameras samples

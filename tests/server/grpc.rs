@@ -99,7 +99,7 @@ async fn options_are_kept_and_bad_ones_refused() {
     assert!((x(world.transform) - x(solved.camera_from_object) - 10.0).abs() < 1e-9);
     assert_eq!(world.covariance, solved.covariance);
 
-    let bent = InlineCamera { fx: 600.0, fy: 600.0, distortion: vec![0.1; 3], model: 1, ..InlineCamera::default() };
+    let bent = InlineCamera { fx: 600.0, fy: 600.0, distortion: vec![0.1; 3], model: 2, ..InlineCamera::default() };
     for (request, code, words) in [
         (EstimateRequest { objects: vec!["teapot".into()], ..good.clone() }, Code::NotFound, "known objects"),
         (EstimateRequest { min_confidence: f64::NAN, ..good.clone() }, Code::InvalidArgument, "min_confidence"),

@@ -40,8 +40,8 @@ fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
     let pinhole = Camera::pinhole(camera.fx, camera.fy, camera.cx, camera.cy)?;
     let model = Model::try_from(camera.model).map_err(|_| invalid("camera field 'model' is unknown"))?;
     let with_lens = match model {
-        Model::Pinhole if camera.distortion.is_empty() => pinhole,
-        Model::Pinhole => {
+        Model::Unspecified | Model::Pinhole if camera.distortion.is_empty() => pinhole,
+        Model::Unspecified | Model::Pinhole => {
             return Err(invalid("camera field 'distortion' needs 'model' MODEL_OPENCV or MODEL_FISHEYE"));
         }
         Model::Opencv => pinhole.with_opencv_distortion(&camera.distortion)?,
