@@ -76,7 +76,7 @@ fn estimate_says_which_file_is_wrong() {
 fn calibrate_makes_a_reference_that_works() {
     let reference = tempfile::tempdir().unwrap();
     let folder = reference.path().to_str().unwrap();
-    for object in ["cube", "bracket"] {
+    for object in ["cube", "bracket", "motor", "link"] {
         let output = run(&["calibrate", object, "--scene", SCENE, "--image", "0", "--reference", folder]);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(reference.path().join(format!("{object}.jpg")).is_file());

@@ -16,7 +16,7 @@ use bare::BareLoop;
 use load::{Overload, closed_loop, one_by_one, overload};
 use process::Server;
 
-const SAMPLE: &str = "samples/sample-3.jpg";
+const SAMPLE: &str = "samples/sample-1.jpg";
 const ROUNDS: usize = 7;
 const ROUND: Duration = Duration::from_secs(5);
 const OVERLOAD: Duration = Duration::from_mins(1);

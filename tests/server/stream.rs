@@ -100,7 +100,7 @@ async fn objects_are_listed() {
     let server = Server::start(&[]);
     let objects = client(&server).await.list_objects(ListObjectsRequest {}).await.unwrap().into_inner().objects;
     let cube = objects.iter().find(|object| object.name == "cube").unwrap();
-    assert!(cube.calibrated && cube.keypoints == 8 && cube.diameter_m > 0.05);
+    assert!(cube.calibrated && cube.keypoints == 14 && cube.diameter_m > 0.05);
 }
 
 #[tokio::test]
