@@ -7,7 +7,7 @@ use super::Shared;
 use super::failure::{Failure, FailureKind};
 use crate::estimator::{CallerFrames, Selection};
 use crate::geometry::{Camera, CameraFile, Pose};
-use crate::model::PoseFile;
+use crate::model::{ObjectModel, PoseFile};
 
 const MAX_MARK_CHARS: usize = 64;
 
@@ -120,13 +120,12 @@ pub(super) fn registered_camera(id: &str, app: &Shared) -> Result<Camera, Failur
     app.cameras.get(id).cloned().ok_or_else(|| Failure::unknown_camera(id, &app.cameras))
 }
 
-pub(super) fn known_object(name: &str, app: &Shared) -> Result<(), Failure> {
-    if app.library.object(name).is_some() {
-        return Ok(());
-    }
-    let known: Vec<&str> = app.library.known().map(|object| object.manifest.name.as_str()).collect();
-    let message = format!("no object {name:?}; known objects: {}", known.join(", "));
-    Err(Failure::new(FailureKind::UnknownObject, message))
+pub(super) fn known_object<'a>(name: &str, app: &'a Shared) -> Result<&'a ObjectModel, Failure> {
+    app.library.object(name).ok_or_else(|| {
+        let known: Vec<&str> = app.library.known().map(|object| object.manifest.name.as_str()).collect();
+        let message = format!("no object {name:?}; known objects: {}", known.join(", "));
+        Failure::new(FailureKind::UnknownObject, message)
+    })
 }
 
 pub(super) fn pose(field: &str, file: &PoseFile) -> Result<Pose, Failure> {

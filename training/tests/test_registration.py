@@ -87,7 +87,8 @@ def test_a_net_places_further_components(tmp_path):
 def test_keypoints_are_spread_and_of_the_right_size(shape):
     points = keypoints.virtual_keypoints(shape, 0.1, 9, seed=4)
     radii = np.linalg.norm(points, axis=1)
-    assert len(points) == {"tetrahedron": 4, "octahedron": 6, "cube": 8, "icosahedron": 12}.get(shape, 9)
+    solids = {"tetrahedron": 4, "octahedron": 6, "cube": 8, "icosahedron": 12, "rhombic-dodecahedron": 14}
+    assert len(points) == solids.get(shape, 9)
     assert radii.max() < 0.1 + 1e-9 and (shape == "r-volume" or radii.min() > 0.1 - 1e-9)
     assert keypoints.spread(points) > keypoints.MIN_SPREAD
     if shape in keypoints.SOLIDS:

@@ -72,9 +72,7 @@ pub(super) async fn objects(State(app): State<App>) -> Json<Vec<ObjectReport>> {
     responses((status = 200, body = ObjectReport), (status = 404, description = "Unknown object", body = ErrorBody))
 )]
 pub(super) async fn object(State(app): State<App>, Path(name): Path<String>) -> Result<Json<ObjectReport>, Failure> {
-    known_object(&name, &app)?;
-    let object = app.library.object(&name).map(|object| ObjectReport::new(object, &app));
-    object.map(Json).ok_or_else(|| crate::server::request::invalid("unknown object"))
+    Ok(Json(ObjectReport::new(known_object(&name, &app)?, &app)))
 }
 
 /// Every registered camera, by id.

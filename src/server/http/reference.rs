@@ -71,7 +71,7 @@ pub(super) async fn replace(
             "this server does not replace references; start it with --recalibration, or use `posed calibrate`";
         return Err(Failure::new(FailureKind::Forbidden, message));
     }
-    known_object(&name, &app)?;
+    let object = known_object(&name, &app)?;
     let deadline = body::deadline(&app, request.headers())?;
     let Form { images, request } = body::read_form::<ReferenceRequest>(&app, request, deadline).await?;
     let request = request.ok_or_else(|| invalid("no part 'request'; it holds the known poses"))?;
@@ -93,7 +93,6 @@ pub(super) async fn replace(
         views.push(MeasuredView { file: file.clone(), camera, camera_from_object, region, solution });
         files.push((file, image));
     }
-    let object = app.library.object(&name).ok_or_else(|| invalid("unknown object"))?;
     put_into_force(&app, object, views, files, request.mode).await.map(|reference| Json((&reference).into()))
 }
 
