@@ -137,8 +137,8 @@ async fn the_queue_is_bounded_by_bytes() {
     assert!(queue.estimate(work(10, LONG)).await.is_ok());
 }
 
-/// While the worker is busy one image is prepared; those behind it are worked on together, and all their crops go
-/// through the keypoint net at once.
+/// While the worker is busy one batch is prepared; the images behind it are worked on together, and all crops of a batch
+/// go through the keypoint net at once. How many made it into the prepared batch is a matter of luck.
 #[tokio::test(flavor = "multi_thread")]
 async fn waiting_images_are_worked_on_together() {
     let (script, arrivals, gate) = gated();
@@ -160,8 +160,11 @@ async fn waiting_images_are_worked_on_together() {
     for task in tasks {
         sizes.push(task.await.unwrap().unwrap());
     }
-    assert_eq!(sizes, [1, 1, 3, 3, 3]);
-    assert_eq!(*batches.lock().unwrap(), [1, 1, 3]);
+    let batches = batches.lock().unwrap();
+    assert_eq!((batches[0], batches.iter().sum::<usize>()), (1, 5));
+    assert!(batches.len() <= 3, "{batches:?}");
+    let of_images: Vec<usize> = batches.iter().flat_map(|size| vec![*size; *size]).collect();
+    assert_eq!(sizes, of_images);
 }
 
 /// The caller is answered at its deadline although the worker is stuck, and its image is not worked on afterwards.
@@ -203,7 +206,7 @@ async fn a_deadline_is_kept_between_the_stages() {
     });
     let queue = start(CONFIG, Script { keypoints: keypoints_net, ..script });
     let before = runs.load(Ordering::Relaxed);
-    let hurried = queue.estimate(work(CUE, Duration::from_millis(200))).await;
+    let hurried = queue.estimate(work(CUE, Duration::from_millis(700))).await;
     assert!(matches!(hurried, Err(QueueError::Abandoned(Abandoned::Expired))));
     arrivals.recv().unwrap();
     drop(gate);
