@@ -82,13 +82,17 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         }),
         diameter_m: 0.09,
     };
-    let estimate = Estimate { poses: vec![found; 4], camera: camera.clone(), timings: Timings::default() };
-    Answer {
-        estimate,
+    let estimate = Estimate {
         width: 640,
         height: 480,
-        exif: Exif { orientation: 1, applied: false },
+        poses: vec![found; 4],
+        camera: camera.clone(),
         camera_scaled_from: None,
+        timings: Timings::default(),
+    };
+    Answer {
+        estimate,
+        exif: Exif { orientation: 1, applied: false },
         image: None,
         batch_size: 1,
         queued: Duration::ZERO,

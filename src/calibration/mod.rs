@@ -11,7 +11,7 @@ mod clicks;
 pub use average::{AverageError, Averaged, Consensus, Mode, ReferenceResidual, average};
 pub use clicks::{Click, ClickError, ClickResidual, ClickedPair, ClickedReference, FrameClicks, reference_from_clicks};
 
-use crate::geometry::{Covariance6, Pose, Symmetries, block_diagonal, covariance_about, skew};
+use crate::geometry::{Covariance6, Pose, Symmetries, block_diagonal, covariance_about, sigmas, skew};
 
 /// `object_from_keypoints` with its covariance along the axes of the frame `object`.
 #[derive(Clone, Debug)]
@@ -49,8 +49,7 @@ impl Offset {
     /// Standard deviations over all axes: of the translation (metres) and of the rotation (radians).
     #[must_use]
     pub fn sigmas(&self) -> (f64, f64) {
-        let sigma = |first: usize| self.covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
-        (sigma(0), sigma(3))
+        sigmas(&self.covariance)
     }
 
     /// `camera_from_object` and its covariance, from a solved pose of the keypoints. The errors of both add up.

@@ -199,7 +199,7 @@ impl ReferenceImage {
             path: beside(file, &self.image),
             camera: self.camera.clone(),
             camera_from_object,
-            region: region(self.box_px),
+            region: self.box_px.into(),
         })
     }
 }
@@ -231,7 +231,7 @@ impl ClicksFile {
             path: beside(file, &self.image),
             camera: self.first_camera.clone(),
             camera_from_object: reference.camera_from_object,
-            region: region(self.box_px),
+            region: self.box_px.into(),
         })
     }
 }
@@ -255,8 +255,4 @@ fn find<'a>(objects: &'a [GroundTruth], model: &ObjectModel) -> Result<&'a Groun
 
 fn beside(file: &Path, image: &Path) -> PathBuf {
     file.parent().unwrap_or(Path::new("")).join(image)
-}
-
-fn region([x, y, width, height]: [f64; 4]) -> BoundingBox {
-    BoundingBox { x, y, width, height }
 }

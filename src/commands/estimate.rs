@@ -80,13 +80,9 @@ fn estimate(
     let Decoded { image, exif } = decode(&bytes, options)?;
     let decode = start.elapsed();
     let estimate = estimator.estimate(&image, camera)?;
-    let (width, height) = image.dimensions();
     Ok(Answer {
         estimate,
-        width,
-        height,
         exif,
-        camera_scaled_from: camera.size().filter(|size| *size != (width, height)),
         image: Some(image),
         batch_size: 1,
         queued: Duration::ZERO,

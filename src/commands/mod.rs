@@ -15,7 +15,7 @@ use std::sync::Arc;
 use clap::{Args, Parser, Subcommand};
 
 use crate::estimator::Estimator;
-use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError};
+use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
 use crate::server::{LogFormat, init_logs};
 
 /// Answers an RGB image with the 6D poses of known rigid objects.
@@ -66,8 +66,7 @@ struct ModelArgs {
 
 impl ModelArgs {
     fn runtime(&self) -> Result<Runtime, RuntimeError> {
-        let available = || std::thread::available_parallelism().map_or(1, usize::from);
-        Runtime::load(self.provider, self.threads.map_or_else(available, usize::from))
+        Runtime::load(self.provider, self.threads.map_or_else(available_cores, usize::from))
     }
 
     /// The whole pipeline, with its models.

@@ -164,8 +164,12 @@ pub struct Timings {
 /// The answer to one image.
 #[derive(Clone, Debug)]
 pub struct Estimate {
+    pub width: u32,
+    pub height: u32,
     pub poses: Vec<ObjectPose>,
     /// The camera of this image: scaled, where the image is the camera's image resized.
     pub camera: Camera,
+    /// The size that the camera was calibrated for, where it was scaled.
+    pub camera_scaled_from: Option<(u32, u32)>,
     pub timings: Timings,
 }

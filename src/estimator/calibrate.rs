@@ -64,7 +64,7 @@ pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> R
         image: view.file,
         camera: view.camera,
         camera_from_object: PoseFile::from(&view.camera_from_object),
-        box_px: [view.region.x, view.region.y, view.region.width, view.region.height],
+        box_px: view.region.into(),
         inlier: residual.inlier,
         residual_deg: residual.rotation_rad.to_degrees(),
         residual_mm: 1e3 * residual.translation_m,

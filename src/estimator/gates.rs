@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
 use super::keypoints::solve;
 use crate::calibration::Offset;
-use crate::geometry::{Camera, Covariance6, Pose, covariance_about};
+use crate::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
 use crate::model::{KeypointManifest, ObjectModel};
 use crate::pnp::{self, Reason, Solution, Status, Verdict};
 use crate::vision::BoundingBox;
@@ -116,8 +116,8 @@ fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &Bound
 
 /// Whether a robot should not act on a pose with this covariance.
 fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
-    let sigma = |first: usize| covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
-    sigma(0) > MAX_SIGMA_TRANSLATION * diameter_m || sigma(3) > MAX_SIGMA_ROTATION_RAD
+    let (translation_m, rotation_rad) = sigmas(covariance);
+    translation_m > MAX_SIGMA_TRANSLATION * diameter_m || rotation_rad > MAX_SIGMA_ROTATION_RAD
 }
 
 fn median(values: &[f64]) -> f64 {

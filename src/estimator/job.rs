@@ -40,11 +40,7 @@ pub struct ReferenceWork {
 #[derive(Debug)]
 pub struct Answer {
     pub estimate: Estimate,
-    pub width: u32,
-    pub height: u32,
     pub exif: Exif,
-    /// The size that the camera was calibrated for, where it was scaled to this image's.
-    pub camera_scaled_from: Option<(u32, u32)>,
     /// The pixels, where they were asked for.
     pub image: Option<RgbImage>,
     /// Images that were worked on together, this one included.
@@ -61,8 +57,6 @@ pub enum QueueError {
     Full { limit: usize },
     #[error("{limit} bytes of images are waiting already ('queue_bytes'); try again in a moment")]
     FullBytes { limit: usize },
-    #[error("the server is shutting down")]
-    Closed,
     #[error(transparent)]
     Abandoned(#[from] Abandoned),
     #[error(transparent)]

@@ -172,6 +172,21 @@ pub(super) fn solve(
     pnp::solve(&manifest.keypoints(), &prediction.pixels, &prediction.covariances, camera, options)
 }
 
+/// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
+pub(super) fn solve_within(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: &BoundingBox,
+    camera: &Camera,
+) -> Result<Result<Solution, PnpError>, EstimateError> {
+    let camera = camera.for_image(image.width(), image.height())?;
+    let crops = cut(manifest, resizer, image, region)?;
+    let predictions = predict(manifest, network, &[crops])?;
+    Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
+}
+
 /// One object's keypoint net on its own: for calibration and evaluation with known boxes.
 pub struct KeypointSolver<'a> {
     model: &'a ObjectModel,
@@ -196,10 +211,6 @@ impl<'a> KeypointSolver<'a> {
         region: &BoundingBox,
         camera: &Camera,
     ) -> Result<Result<Solution, PnpError>, EstimateError> {
-        let camera = camera.for_image(image.width(), image.height())?;
-        let manifest = &self.model.manifest;
-        let crops = cut(manifest, &mut self.resizer, image, region)?;
-        let predictions = predict(manifest, self.network.as_mut(), &[crops])?;
-        Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
+        solve_within(&self.model.manifest, self.network.as_mut(), &mut self.resizer, image, region, camera)
     }
 }

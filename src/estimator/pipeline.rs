@@ -11,7 +11,7 @@ use super::keypoints::{self, Crops};
 use crate::calibration::Offset;
 use crate::geometry::Camera;
 use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeError};
-use crate::pnp::{self, Solution};
+use crate::pnp::Solution;
 use crate::vision::BoundingBox;
 
 /// One image to estimate poses from.
@@ -90,7 +90,7 @@ impl Estimator {
             }
         }
         let answers = frames.iter().zip(progress);
-        answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame.selection))).collect()
+        answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame))).collect()
     }
 
     /// Solves one object's virtual keypoints, `camera_from_keypoints`, in a reference image: within a box, or within the
@@ -109,19 +109,15 @@ impl Estimator {
         let named = |model: &&ObjectModel| model.manifest.name == object;
         let found = library.objects.iter().enumerate().find_map(|(index, o)| Some((index, o.as_ref().filter(named)?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
-        let frame = Frame::new(image, camera);
         let region = match region {
             Some(region) => region,
-            None => the_only_box(&self.look_for_objects(&frame)?.detections, index)?,
+            None => the_only_box(&self.look_for_objects(&Frame::new(image, camera))?.detections, index)?,
         };
-        let camera = camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
-        let crops = keypoints::cut(&model.manifest, &mut self.resizer, image, &region).map_err(EstimateError::from)?;
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
-        let predictions =
-            keypoints::predict(&model.manifest, network.as_mut(), &[crops]).map_err(EstimateError::from)?;
-        let solution = keypoints::solve(&model.manifest, &predictions[0], &camera, &pnp::Options::default())?;
-        Ok((region, solution))
+        let solved =
+            keypoints::solve_within(&model.manifest, network.as_mut(), &mut self.resizer, image, &region, camera)?;
+        Ok((region, solved?))
     }
 
     /// Runs every network once: the first run of a session allocates, and a network that cannot run is found before
@@ -231,8 +227,9 @@ fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, 
 
 impl Progress {
     /// The poses that were asked for, the most trusted first.
-    fn finish(self, selection: &Selection) -> Estimate {
+    fn finish(self, frame: &Frame<'_>) -> Estimate {
         let Self { camera, mut poses, timings, .. } = self;
+        let selection = frame.selection;
         poses.retain(|pose| pose.confidence() >= selection.min_confidence);
         poses.sort_by(|a, b| {
             a.verdict.status.cmp(&b.verdict.status).then(b.detection.score.total_cmp(&a.detection.score))
@@ -244,6 +241,8 @@ impl Progress {
                 seen.iter().filter(|object| **object == pose.detection.object).count() <= limit
             });
         }
-        Estimate { poses, camera, timings }
+        let (width, height) = frame.image.dimensions();
+        let camera_scaled_from = frame.camera.size().filter(|size| *size != (width, height));
+        Estimate { width, height, poses, camera, camera_scaled_from, timings }
     }
 }

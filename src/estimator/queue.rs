@@ -45,11 +45,10 @@ pub struct QueueStats {
 
 impl QueueStats {
     pub(super) fn count_abandoned(&self, why: Abandoned) {
-        match why {
+        count(match why {
             Abandoned::Expired => &self.expired,
             Abandoned::Cancelled => &self.cancelled,
-        }
-        .fetch_add(1, Ordering::Relaxed);
+        });
     }
 }
 
@@ -139,7 +138,7 @@ impl Queue {
         deadline: Instant,
     ) -> Result<T, QueueError> {
         match tokio::time::timeout_at(deadline.into(), answer).await {
-            // The reply is dropped without an answer only where no worker is left.
+            // The reply is dropped without an answer where no worker is left, or a panic spoilt the batch before it.
             Ok(answer) => answer.unwrap_or(Err(QueueError::Crashed)),
             Err(_) => Err(Abandoned::Expired.into()),
         }

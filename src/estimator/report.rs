@@ -203,12 +203,12 @@ impl Report {
             units: "metres, radians, pixels",
             captured_at: context.captured_at.map(ToOwned::to_owned),
             image: ImageReport {
-                width: answer.width,
-                height: answer.height,
+                width: answer.estimate.width,
+                height: answer.estimate.height,
                 exif: Some(answer.exif)
                     .filter(|exif| exif.orientation != 1)
                     .map(|Exif { orientation, applied }| ExifReport { orientation, applied }),
-                camera_scaled_from: answer.camera_scaled_from.map(|(width, height)| [width, height]),
+                camera_scaled_from: answer.estimate.camera_scaled_from.map(|(width, height)| [width, height]),
             },
             poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),
             timings_ms: TimingsReport {
@@ -234,7 +234,7 @@ impl PoseReport {
             reasons: found.verdict.reasons,
             confidence: round(found.confidence()),
             detection: DetectionReport {
-                box_px: [region.x, region.y, region.width, region.height].map(round),
+                box_px: <[f64; 4]>::from(region).map(round),
                 score: round(found.detection.score),
             },
             solved: found.pose.as_ref().map(|solved| SolvedReport::new(solved, frames)),
@@ -247,7 +247,7 @@ impl SolvedReport {
         let placed = |frame: &Pose| PlacedReport::new(&solved.in_frame(frame));
         Self {
             camera_from_object: (&solved.camera_from_object).into(),
-            covariance: rows(&solved.covariance),
+            covariance: solved.covariance.transpose().into(),
             world_from_object: frames.world_from_camera.as_ref().map(placed),
             base_from_object: frames.base_from_camera.as_ref().map(placed),
             reprojection_rmse_px: round(solved.reprojection_rmse_px),
@@ -274,7 +274,7 @@ impl SolvedPose {
 
 impl PlacedReport {
     fn new((pose, covariance): &(Pose, Covariance6)) -> Self {
-        Self { transform: pose.into(), covariance: rows(covariance) }
+        Self { transform: pose.into(), covariance: covariance.transpose().into() }
     }
 }
 
@@ -291,17 +291,12 @@ impl From<&SolvedKeypoint> for KeypointReport {
 
 impl From<&Pose> for TransformReport {
     fn from(pose: &Pose) -> Self {
-        let matrix = pose.matrix();
         Self {
             rotation_xyzw: pose.rotation_xyzw(),
             translation_m: pose.translation_m(),
-            matrix: std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])),
+            matrix: pose.matrix().transpose().into(),
         }
     }
-}
-
-fn rows(covariance: &Covariance6) -> [[f64; 6]; 6] {
-    std::array::from_fn(|row| std::array::from_fn(|column| covariance[(row, column)]))
 }
 
 /// Figures for people: more digits would only be noise.

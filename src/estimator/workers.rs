@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, Sender};
 use thiserror::Error;
 
-use super::answer::{Estimate, EstimateError, Selection};
+use super::answer::{Abandoned, Estimate, EstimateError, Selection};
 use super::job::{Answer, Job, QueueError, Task};
 use super::pipeline::{Estimator, Frame};
 use super::queue::{QueueConfig, QueueStats, count};
@@ -81,8 +81,7 @@ fn prepare(config: QueueConfig, jobs: &Receiver<Job>, batches: &Sender<Vec<Prepa
 
 fn prepare_one(job: Job, config: &QueueConfig, stats: &QueueStats) -> Option<Prepared> {
     if let Err(why) = job.wanted() {
-        stats.count_abandoned(why);
-        job.fail(why.into());
+        abandon(job, why, stats);
         return None;
     }
     let (queued, start) = (job.arrived.elapsed(), Instant::now());
@@ -158,10 +157,7 @@ fn estimate(estimator: &mut Estimator, batch: Vec<Prepared>, stats: &QueueStats)
                 count(&stats.worked);
                 prepared.answer(estimate, batch_size);
             }
-            Err(EstimateError::Abandoned(why)) => {
-                stats.count_abandoned(why);
-                prepared.job.fail(why.into());
-            }
+            Err(EstimateError::Abandoned(why)) => abandon(prepared.job, why, stats),
             Err(error) => prepared.job.fail(error.into()),
         }
     }
@@ -186,8 +182,7 @@ fn measure(estimator: &mut Estimator, prepared: Prepared, stats: &QueueStats) ->
     let Prepared { job, decoded, .. } = prepared;
     let Task::Reference { object, region, .. } = &job.task else { return true };
     if let Err(why) = job.wanted() {
-        stats.count_abandoned(why);
-        job.fail(why.into());
+        abandon(job, why, stats);
         return true;
     }
     let measured = catch_unwind(AssertUnwindSafe(|| estimator.measure(object, &decoded.image, &job.camera, *region)));
@@ -212,19 +207,21 @@ fn measure(estimator: &mut Estimator, prepared: Prepared, stats: &QueueStats) ->
     }
 }
 
+/// Nobody waits for it any more.
+fn abandon(job: Job, why: Abandoned, stats: &QueueStats) {
+    stats.count_abandoned(why);
+    job.fail(why.into());
+}
+
 impl Prepared {
     fn answer(self, estimate: Estimate, batch_size: usize) {
         let Self { job, decoded: Decoded { image, exif }, queued, decode } = self;
-        let Job { task, camera, arrived, place, .. } = job;
+        let Job { task, arrived, place, .. } = job;
         drop(place);
         let Task::Poses { keep_image, reply, .. } = task else { return };
-        let (width, height) = image.dimensions();
         let answer = Answer {
             estimate,
-            width,
-            height,
             exif,
-            camera_scaled_from: camera.size().filter(|size| *size != (width, height)),
             image: keep_image.then_some(image),
             batch_size,
             queued,

@@ -92,6 +92,12 @@ pub(crate) fn block_diagonal(rotation: &Matrix3<f64>) -> Matrix6<f64> {
     matrix
 }
 
+/// Standard deviations over all axes: of the translation (metres) and of the rotation (radians).
+pub(crate) fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
+    let sigma = |first: usize| covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
+    (sigma(0), sigma(3))
+}
+
 /// The covariance of a rigid body's step, seen at a point of it that lies `lever` further on (metres, parent's axes): a
 /// turn moves that point too.
 pub(crate) fn covariance_about(covariance: &Matrix6<f64>, lever: &Vector3<f64>) -> Matrix6<f64> {

@@ -30,7 +30,7 @@ pub use symmetry::{BopAxis, BopSymmetries, ContinuousSymmetry, Symmetries, Symme
 pub use triangulation::{Observation, TriangulatedPoint, TriangulationError, triangulate};
 
 pub(crate) use camera::{normalised, normalised_by_point};
-pub(crate) use lie::{block_diagonal, covariance_about, join, parts};
+pub(crate) use lie::{block_diagonal, covariance_about, join, parts, sigmas};
 pub(crate) use whitening::whitening_of;
 
 /// BOP files are in millimetres.

@@ -17,4 +17,4 @@ pub use network::{Backend, Input, Network, Networks, Output, Outputs, RuntimeErr
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::References;
-pub use runtime::{Provider, Runtime};
+pub use runtime::{Provider, Runtime, available_cores};

@@ -153,7 +153,7 @@ impl Reference {
             keypoint_model_sha256: self.keypoint_model_sha256.clone(),
             method: self.method,
             object_from_keypoints: (&self.offset.object_from_keypoints).into(),
-            covariance: std::array::from_fn(|row| std::array::from_fn(|column| self.offset.covariance[(row, column)])),
+            covariance: self.offset.covariance.transpose().into(),
             references: self.views.clone(),
         };
         let mut text =

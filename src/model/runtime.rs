@@ -38,6 +38,12 @@ pub struct Runtime {
     threads: usize,
 }
 
+/// The cores that this process may use: a container's quota counts.
+#[must_use]
+pub fn available_cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 const LIBRARY: &str = "libonnxruntime.so";
 
 impl Runtime {

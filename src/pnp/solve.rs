@@ -5,7 +5,7 @@ use super::modes::{Candidate, Ranking};
 use super::problem::{MAX_POINTS, Observation, PnpError, Problem};
 use super::refine::{Cauchy, Effort, Refined, Truncated, refine};
 use super::solution::{Alternative, Reason, Residual, Solution, Status, Verdict};
-use crate::geometry::{Camera, Covariance6, Pose};
+use crate::geometry::{Camera, Covariance6, Pose, sigmas};
 
 /// 99.9 % of the squared Mahalanobis distances of true 2D points lie below this (chi-squared, 2 degrees of freedom).
 /// At 99 % one fit in twelve of eight good points would lose one, and its covariance would be too small.
@@ -281,7 +281,7 @@ fn judge(solution: &Solution, modes: &Modes, options: &Options) -> Verdict {
     if others.any(|other| other.cost < limit) || solution.alternatives.iter().flatten().any(heavy) {
         verdict.object(Reason::PlanarAmbiguity, Status::Ambiguous);
     }
-    let sigma_rotation = solution.covariance.fixed_view::<3, 3>(3, 3).trace().sqrt();
+    let (_, sigma_rotation) = sigmas(&solution.covariance);
     if sigma_rotation > options.max_sigma_rotation_rad {
         verdict.object(Reason::UncertainPose, Status::LowConfidence);
     }

@@ -29,7 +29,6 @@ pub(super) enum FailureKind {
     MethodNotAllowed,
     QueueFull,
     TimedOut,
-    ShuttingDown,
     Internal,
 }
 
@@ -49,7 +48,6 @@ impl FailureKind {
             Self::MethodNotAllowed => "method_not_allowed",
             Self::TimedOut => "timed_out",
             Self::QueueFull => "queue_full",
-            Self::ShuttingDown => "shutting_down",
             Self::Internal => "internal",
         }
     }
@@ -66,7 +64,6 @@ impl FailureKind {
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::TimedOut => StatusCode::GATEWAY_TIMEOUT,
             Self::QueueFull => StatusCode::TOO_MANY_REQUESTS,
-            Self::ShuttingDown => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
         }
     }
@@ -80,7 +77,6 @@ impl FailureKind {
             Self::Forbidden => Code::PermissionDenied,
             Self::MethodNotAllowed => Code::Unimplemented,
             Self::TimedOut => Code::DeadlineExceeded,
-            Self::ShuttingDown => Code::Unavailable,
             Self::Internal => Code::Internal,
         }
     }
@@ -111,7 +107,6 @@ impl From<QueueError> for Failure {
     fn from(error: QueueError) -> Self {
         let kind = match &error {
             QueueError::Full { .. } | QueueError::FullBytes { .. } => FailureKind::QueueFull,
-            QueueError::Closed => FailureKind::ShuttingDown,
             QueueError::Abandoned(_) => FailureKind::TimedOut,
             QueueError::Decode(decode) => of_decode(decode),
             QueueError::Estimate(estimate) => of_estimate(estimate),

@@ -5,6 +5,7 @@ mod cameras;
 mod failure;
 mod grpc;
 mod http;
+mod marks;
 mod metrics;
 mod request;
 mod run;

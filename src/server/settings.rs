@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::estimator::QueueConfig;
-use crate::model::Provider;
+use crate::model::{Provider, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
 /// The commented defaults.
@@ -208,8 +208,7 @@ impl Config {
     /// Threads for each network: stated, or the cores (of the container, if it has a quota) shared among the workers.
     #[must_use]
     pub fn threads(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.threads.unwrap_or_else(|| (cores() / self.workers).max(1))
+        self.threads.unwrap_or_else(|| (available_cores() / self.workers).max(1))
     }
 
     pub(super) fn queue(&self) -> QueueConfig {

@@ -39,6 +39,20 @@ impl BoundingBox {
     }
 }
 
+/// x, y, width, height.
+impl From<[f64; 4]> for BoundingBox {
+    fn from([x, y, width, height]: [f64; 4]) -> Self {
+        Self { x, y, width, height }
+    }
+}
+
+/// x, y, width, height.
+impl From<BoundingBox> for [f64; 4] {
+    fn from(region: BoundingBox) -> Self {
+        [region.x, region.y, region.width, region.height]
+    }
+}
+
 /// Pixels made for a network, with the map from the image's pixels to theirs.
 #[derive(Clone, Debug)]
 pub struct Resampled {

@@ -103,3 +103,10 @@ def read_rgb(path: Path) -> np.ndarray:
 
 def read_mask(view: View) -> np.ndarray | None:
     return None if view.mask_path is None else cv2.imread(str(view.mask_path), cv2.IMREAD_GRAYSCALE)
+
+
+def symmetry_motions(declared: list[list[float]]) -> np.ndarray:
+    """`[S, 4, 4]` metres, identity first: discrete symmetries as `models_info.json` states them (row-major, mm)."""
+    motions = np.array([np.eye(4).ravel(), *declared]).reshape(-1, 4, 4)
+    motions[:, :3, 3] *= METRES_PER_MILLIMETRE
+    return motions

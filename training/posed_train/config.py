@@ -52,6 +52,11 @@ class DetectorConfig:
     seed: int = 1
 
 
+def splits(setting: str | list[str]) -> list[str]:
+    """One BOP split or several, as a list."""
+    return [setting] if isinstance(setting, str) else setting
+
+
 Config = TypeVar("Config", KeypointConfig, DetectorConfig)
 
 

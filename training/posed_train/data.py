@@ -12,7 +12,7 @@ from tqdm import tqdm
 from . import bop
 from .augment import Augmenter
 from .check import MIN_BASELINE_DEG
-from .config import KeypointConfig
+from .config import KeypointConfig, splits
 from .crops import Patch, cut_patch
 from .network import design
 from .registration import Registration, angles_deg, mean_pose, project, register
@@ -62,14 +62,15 @@ def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndar
         return np.eye(4)[None]
     if keypoints_from_object is None:
         raise bop.DatasetError("symmetries are declared in the object's frame, but the dataset states no object poses")
-    motions = np.array([np.eye(4).ravel().tolist(), *declared]).reshape(-1, 4, 4)
-    motions[:, :3, 3] *= bop.METRES_PER_MILLIMETRE
-    return keypoints_from_object @ motions @ np.linalg.inv(keypoints_from_object)
+    return keypoints_from_object @ bop.symmetry_motions(declared) @ np.linalg.inv(keypoints_from_object)
 
 
 def read_photoreal(config: KeypointConfig, root: Path) -> list[bop.View]:
-    splits = [config.photoreal] if isinstance(config.photoreal, str) else config.photoreal
-    return [view for split in splits for view in bop.read_views(root / split, config.obj_id, config.min_visible)]
+    return [
+        view
+        for split in splits(config.photoreal)
+        for view in bop.read_views(root / split, config.obj_id, config.min_visible)
+    ]
 
 
 def held_out(photoreal: list[bop.View], registration: Registration, config: KeypointConfig) -> list[int]:

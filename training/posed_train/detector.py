@@ -21,7 +21,7 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop, optimise
-from .config import DetectorConfig
+from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
 
@@ -201,10 +201,10 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         trainer.resume(checkpoint, DEVICE)
-    photoreal = [config.photoreal] if isinstance(config.photoreal, str) else config.photoreal
     pools = [
-        [sample for split in splits for sample in read_samples(root / split, config.obj_ids)]
-        for splits in (photoreal, [config.rasterised] if config.rasterised else [])
+        [sample for split in splits(setting) for sample in read_samples(root / split, config.obj_ids)]
+        for setting in (config.photoreal, config.rasterised)
+        if setting
     ]
     pools = [pool for pool in pools if pool]
     validation = read_samples(root / config.validation, config.obj_ids) if config.validation else []

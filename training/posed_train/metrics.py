@@ -6,6 +6,8 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from . import bop
+
 
 @dataclass(frozen=True)
 class Model:
@@ -20,8 +22,7 @@ class Model:
 def load_model(path, info: dict) -> Model:
     vertices = np.asarray(trimesh.load(path, process=False).vertices) * 1e-3
     symmetric = bool(info.get("symmetries_discrete") or info.get("symmetries_continuous"))
-    motions = np.array([np.eye(4).ravel(), *info.get("symmetries_discrete", [])]).reshape(-1, 4, 4)
-    motions[:, :3, 3] *= 1e-3
+    motions = bop.symmetry_motions(info.get("symmetries_discrete", []))
     return Model(vertices, info["diameter"] * 1e-3, symmetric, motions)
 
 

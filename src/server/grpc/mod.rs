@@ -10,16 +10,15 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::metadata::{MetadataMap, MetadataValue};
 use tonic::{Request, Response, Status, Streaming};
 use tracing::Instrument as _;
-use uuid::Uuid;
 
 use super::App;
 use super::failure::{Failure, FailureKind};
+use super::marks::{Marks, REQUEST_ID};
 use crate::proto;
 pub(super) use proto::pose_service_server::PoseServiceServer;
 
 /// Protocol overhead of a request beyond its image.
 const MESSAGE_OVERHEAD_BYTES: usize = 4096;
-const MAX_ID_BYTES: usize = 128;
 
 pub(super) fn service(app: App, stopping: watch::Receiver<bool>) -> PoseServiceServer<Service> {
     let limit = app.config.max_body_bytes + MESSAGE_OVERHEAD_BYTES;
@@ -40,7 +39,7 @@ impl proto::pose_service_server::PoseService for Service {
         &self,
         request: Request<proto::EstimateRequest>,
     ) -> Result<Response<proto::EstimateResponse>, Status> {
-        let (id, trace_parent) = marks(request.metadata());
+        let Marks { id, trace_parent } = Marks::of(request.metadata().as_ref());
         let span = tracing::info_span!("grpc", id, traceparent = trace_parent, route = "Estimate");
         let work = async {
             let start = Instant::now();
@@ -54,7 +53,7 @@ impl proto::pose_service_server::PoseService for Service {
         };
         let mut response = Response::new(work.instrument(span).await?);
         if let Ok(value) = MetadataValue::try_from(id) {
-            response.metadata_mut().insert("x-request-id", value);
+            response.metadata_mut().insert(REQUEST_ID, value);
         }
         Ok(response)
     }
@@ -63,7 +62,7 @@ impl proto::pose_service_server::PoseService for Service {
         &self,
         request: Request<Streaming<proto::EstimateStreamRequest>>,
     ) -> Result<Response<Self::EstimateStreamStream>, Status> {
-        let (id, trace_parent) = marks(request.metadata());
+        let Marks { id, trace_parent } = Marks::of(request.metadata().as_ref());
         let span = tracing::info_span!("grpc", id, traceparent = trace_parent, route = "EstimateStream");
         let (responses, stream) = tokio::sync::mpsc::channel(1);
         let frames = request.into_inner();
@@ -97,14 +96,6 @@ fn observe<T>(app: &App, route: &str, answer: &Result<T, Failure>, start: Instan
     let duration = start.elapsed();
     app.metrics.request("grpc", route, outcome, duration);
     tracing::info!(outcome, ms = duration.as_millis());
-}
-
-/// The request's id, the caller's or a new one, and its W3C trace context.
-fn marks(metadata: &MetadataMap) -> (String, Option<String>) {
-    let given =
-        |name: &str| metadata.get(name)?.to_str().ok().filter(|v| v.len() <= MAX_ID_BYTES).map(ToOwned::to_owned);
-    let id = given("x-request-id").filter(|id| !id.is_empty()).unwrap_or_else(|| Uuid::new_v4().to_string());
-    (id, given("traceparent"))
 }
 
 /// `grpc-timeout`: up to eight digits and a unit.

@@ -70,10 +70,10 @@ pub(super) fn known_object(object: &ObjectModel, app: &Shared) -> proto::KnownOb
 pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsReport) -> proto::EstimateResponse {
     let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
     let timings = &answer.estimate.timings;
-    let (scaled_from_width, scaled_from_height) = answer.camera_scaled_from.unwrap_or_default();
+    let (scaled_from_width, scaled_from_height) = answer.estimate.camera_scaled_from.unwrap_or_default();
     proto::EstimateResponse {
-        image_width: answer.width,
-        image_height: answer.height,
+        image_width: answer.estimate.width,
+        image_height: answer.estimate.height,
         timings: Some(proto::Timings {
             queue_ms: milliseconds(answer.queued),
             decode_ms: milliseconds(answer.decode),

@@ -4,7 +4,7 @@ use std::future::Future;
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
-use axum::extract::multipart::{Field, MultipartError, MultipartRejection};
+use axum::extract::multipart::{Field, MultipartError};
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{FromRequest as _, Multipart, Request};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -63,7 +63,9 @@ pub(super) fn deadline(app: &Shared, headers: &HeaderMap) -> Result<Instant, Fai
 /// A body that is one image.
 pub(super) async fn read_image(app: &Shared, request: Request, deadline: Instant) -> Result<Vec<u8>, Failure> {
     let bytes = in_time(deadline, Bytes::from_request(request, &())).await?;
-    Ok(bytes.map_err(|rejection| bad_bytes(&rejection, app.config.max_body_bytes))?.into())
+    let bad =
+        |rejection: BytesRejection| bad_body(rejection.status(), &rejection.body_text(), app.config.max_body_bytes);
+    Ok(bytes.map_err(bad)?.into())
 }
 
 /// A body that is a form.
@@ -76,7 +78,7 @@ pub(super) async fn read_form<T: DeserializeOwned>(
 }
 
 async fn parts<T: DeserializeOwned>(app: &Shared, request: Request) -> Result<Form<T>, Failure> {
-    let mut parts = Multipart::from_request(request, &()).await.map_err(|rejection| bad_form(&rejection))?;
+    let mut parts = Multipart::from_request(request, &()).await.map_err(|rejection| invalid(&rejection.body_text()))?;
     let mut form = Form { images: Vec::new(), request: None };
     let limit = app.config.max_body_bytes;
     let bad = |error: MultipartError| bad_part(&error, limit);
@@ -113,18 +115,15 @@ async fn in_time<T>(deadline: Instant, read: impl Future<Output = T>) -> Result<
     tokio::time::timeout_at(deadline.into(), read).await.map_err(|_| Failure::new(FailureKind::TimedOut, message))
 }
 
-fn too_large(limit: usize) -> Failure {
-    Failure::new(FailureKind::TooLarge, format!("the body is larger than {limit} bytes ('max_body_bytes')"))
-}
-
-fn bad_bytes(rejection: &BytesRejection, limit: usize) -> Failure {
-    if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE { too_large(limit) } else { invalid(&rejection.body_text()) }
-}
-
-fn bad_form(rejection: &MultipartRejection) -> Failure {
-    invalid(&rejection.body_text())
+/// What axum says of a body, with our limit's name.
+fn bad_body(status: StatusCode, text: &str, limit: usize) -> Failure {
+    if status == StatusCode::PAYLOAD_TOO_LARGE {
+        Failure::new(FailureKind::TooLarge, format!("the body is larger than {limit} bytes ('max_body_bytes')"))
+    } else {
+        invalid(text)
+    }
 }
 
 fn bad_part(error: &MultipartError, limit: usize) -> Failure {
-    if error.status() == StatusCode::PAYLOAD_TOO_LARGE { too_large(limit) } else { invalid(&error.body_text()) }
+    bad_body(error.status(), &error.body_text(), limit)
 }

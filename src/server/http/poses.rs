@@ -66,7 +66,6 @@ pub(super) struct EstimateQuery {
         (status = 415, description = "Not a JPEG, PNG or WebP, or an unknown content type", body = ErrorBody),
         (status = 429, description = "The queue is full; see Retry-After", body = ErrorBody),
         (status = 500, description = "The server failed on this image", body = ErrorBody),
-        (status = 503, description = "Shutting down", body = ErrorBody),
         (status = 504, description = "No answer in time", body = ErrorBody),
     )
 )]

@@ -86,7 +86,7 @@ pub(super) async fn replace(
         let file = file_name(&name, index, &image);
         let camera = choose_camera(&known.camera, &app)?;
         let camera_from_object = pose("camera_from_object", &known.camera_from_object)?;
-        let region = known.box_px.map(|[x, y, width, height]| BoundingBox { x, y, width, height });
+        let region = known.box_px.map(BoundingBox::from);
         let work =
             ReferenceWork { image: image.clone(), camera: camera.clone(), object: name.clone(), region, deadline };
         let (region, solution) = app.queue.measure(work).await?;
