@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test
+.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test render-env
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -69,3 +69,12 @@ train-env: $(VENV)/.done ## Installs the trainer.
 
 train-test: train-env ## Runs the trainer's lints and tests.
 	cd training && .venv/bin/ruff check . && .venv/bin/ruff format --check . && .venv/bin/python -m pytest -q
+
+BLENDER := training/.venv-blender
+$(BLENDER)/.done: training/requirements-blender.txt $(VENV)/.done
+	python3 -m venv $(BLENDER)
+	$(VENV)/bin/uv pip install --quiet --python $(BLENDER)/bin/python -r training/requirements-blender.txt
+	$(VENV)/bin/uv pip install --quiet --python $(BLENDER)/bin/python --no-deps --editable training
+	touch $@
+
+render-env: $(BLENDER)/.done ## Installs Blender for the photoreal renderer.

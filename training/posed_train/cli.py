@@ -1,6 +1,8 @@
 """Trains the networks that posed serves, from images with known relative camera poses."""
 
 import argparse
+import importlib.util
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +11,9 @@ import torch
 
 from . import ablate, check, config, data, detector, export, train
 from .bop import DatasetError
+from .render import command as rendering
+
+BLENDER_PYTHON = Path(__file__).parents[1] / ".venv-blender/bin/python"
 
 
 def main() -> None:
@@ -16,11 +21,7 @@ def main() -> None:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     render = commands.add_parser("render", help="render random scenes of coloured meshes into a BOP-format folder")
-    render.add_argument("models", type=Path, help="BOP models folder: obj_NNNNNN.ply in mm, coloured vertices")
-    render.add_argument("out", type=Path)
-    render.add_argument("--scenes", type=int, default=520)
-    render.add_argument("--views", type=int, default=6)
-    render.add_argument("--first", type=int, default=0, help="number of the first scene, to split work over processes")
+    rendering.add_arguments(render)
     render.set_defaults(run=run_render)
 
     checking = commands.add_parser("check", help="tell whether a dataset can teach a keypoint net, before training")
@@ -58,9 +59,12 @@ def main() -> None:
 
 
 def run_render(arguments: argparse.Namespace) -> None:
-    from .render import render_dataset  # MuJoCo needs EGL, which training does not
-
-    render_dataset(arguments.models, arguments.out, arguments.scenes, arguments.views, arguments.first)
+    if arguments.engine == "cycles" and importlib.util.find_spec("bpy") is None:
+        # Blender has an environment of its own: it wants an older numpy than PyTorch's friends do.
+        if not BLENDER_PYTHON.exists():
+            raise OSError(f"{BLENDER_PYTHON} is missing: `make render-env` installs Blender there")
+        sys.exit(subprocess.run([BLENDER_PYTHON, "-m", "posed_train.render.command", *sys.argv[2:]]).returncode)
+    rendering.run(arguments)
 
 
 def run_check(arguments: argparse.Namespace) -> None:
@@ -84,10 +88,9 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
     print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
-    net, views = train.train(
+    net, views, scores = train.train(
         settings, arguments.data, arguments.runs / settings.name, arguments.init, arguments.workers
     )
-    scores = train.Validator(settings, arguments.data, views)(net)
     summary = {
         "steps": settings.steps,
         "views": len(views.all),

@@ -7,26 +7,11 @@ import cv2
 import numpy as np
 import pytest
 import torch
-import trimesh
 
 from posed_train import augment, bop, cli, config, data, detector, export, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
-
-
-def test_poses_and_boxes_agree(rendered):
-    vertices = trimesh.load(MODELS / "obj_000002.ply", process=False).vertices * 1e-3
-    checked = 0
-    for view in bop.read_views(rendered / "train", 2, min_visible=0.99):
-        pixels = registration.project(view.camera_matrix, view.camera_from_object, vertices)
-        x, y, w, h = view.box
-        inside = pixels.min() > 1 and (pixels.max(0) < [638, 478]).all()
-        if inside:
-            corners = np.concatenate([pixels.min(0) - [x, y], pixels.max(0) - [x + w - 1, y + h - 1]])
-            assert np.abs(corners).max() < 2
-            checked += 1
-    assert checked > 0
 
 
 def test_registration_needs_relative_poses_only(rendered):
@@ -78,7 +63,7 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
 
     run.mkdir()
     trainer.save(run / "checkpoint.pt")
-    net, _ = train.train(CUBE, rendered, run)
+    net = train.train(CUBE, rendered, run).net
     assert (run / "log.csv").read_text().splitlines()[1].startswith("70,")  # went on from step 60
     assert (run / "curves.png").stat().st_size > 10_000 and (run / "sheet.png").stat().st_size > 10_000
 

@@ -1,0 +1,94 @@
+"""Writes what an engine shows as a BOP-format folder: millimetres, OpenCV camera frame, pixel centre = integer."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from .layout import CAMERA_MATRIX, Camera, Layout, draw_layout
+from .objects import ObjectMesh, load_objects
+
+MIN_BOX_PX = 8
+JPEG_QUALITY = 92
+
+
+class Engine(Protocol):
+    """Shows one scene at a time."""
+
+    tumbled: float
+    """Share of objects that stand at random instead of lying on one of their sides."""
+
+    def open(self, layout: Layout, rng: np.random.Generator) -> None:
+        """Builds a scene; materials and brightness are the engine's own to draw."""
+
+    def colour(self, camera: Camera) -> np.ndarray:
+        """`[H, W, 3]` RGB, 8 bits."""
+
+    def visible(self, camera: Camera) -> np.ndarray:
+        """`[H, W]`: 1 + the index of the object seen at each pixel, 0 for anything else."""
+
+    def full_areas(self, camera: Camera) -> list[int]:
+        """Pixels of the image that each object would cover if nothing stood before it."""
+
+
+def render_dataset(
+    engine_for: Callable[[list[ObjectMesh]], Engine], models: Path, out: Path, scenes: int, views: int, first: int = 0
+) -> None:
+    """Renders `scenes` scenes of `views` images each; finished scenes are kept, so a stopped run goes on."""
+    objects = load_objects(models)
+    engine = engine_for(objects)
+    for scene_id in tqdm(range(first, first + scenes), desc="scenes", unit="scene"):
+        folder = out / f"{scene_id:06d}"
+        if not (folder / "scene_gt_info.json").exists():
+            rng = np.random.default_rng([scene_id, 7])
+            layout = draw_layout(objects, views, engine.tumbled, rng)
+            engine.open(layout, rng)
+            write_scene(engine, objects, layout, folder)
+
+
+def write_scene(engine: Engine, objects: list[ObjectMesh], layout: Layout, out: Path) -> None:
+    for sub in ("rgb", "mask_visib"):
+        (out / sub).mkdir(parents=True, exist_ok=True)
+    cameras, poses, infos = {}, {}, {}
+    for view, camera in enumerate(layout.cameras):
+        image = cv2.cvtColor(engine.colour(camera), cv2.COLOR_RGB2BGR)
+        write_image(out / f"rgb/{view:06d}.jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        visible, areas = engine.visible(camera), engine.full_areas(camera)
+        poses[str(view)], infos[str(view)] = [], []
+        for index, item in enumerate(objects):
+            mask = (visible == index + 1).astype(np.uint8) * 255
+            write_image(out / f"mask_visib/{view:06d}_{index:06d}.png", mask, [])
+            pose = camera.camera_from_world @ layout.world_from_object[index]
+            poses[str(view)].append({"obj_id": item.obj_id} | pose_entry(pose, "m2c"))
+            infos[str(view)].append(info_entry(mask, areas[index]))
+        cameras[str(view)] = {"cam_K": CAMERA_MATRIX.flatten().tolist()} | pose_entry(camera.camera_from_world, "w2c")
+    (out / "scene_camera.json").write_text(json.dumps(cameras))
+    (out / "scene_gt.json").write_text(json.dumps(poses))
+    # Written last: a scene without it is unfinished and made again.
+    (out / "scene_gt_info.json").write_text(json.dumps(infos))
+
+
+def write_image(path: Path, image: np.ndarray, options: list[int]) -> None:
+    if not cv2.imwrite(str(path), image, options):
+        raise OSError(f"{path}: cannot write the image; is the disk full?")
+
+
+def pose_entry(pose: np.ndarray, name: str) -> dict:
+    return {f"cam_R_{name}": pose[:3, :3].flatten().tolist(), f"cam_t_{name}": (pose[:3, 3] * 1000).tolist()}
+
+
+def info_entry(mask: np.ndarray, full_area: int) -> dict:
+    area = int((mask > 0).sum())
+    box = list(cv2.boundingRect(mask)) if area else [-1, -1, -1, -1]
+    if min(box[2:]) < MIN_BOX_PX:
+        box, area = [-1, -1, -1, -1], 0
+    return {
+        "bbox_visib": box,
+        "px_count_all": full_area,
+        "px_count_visib": area,
+        "visib_fract": area / max(full_area, 1),
+    }

@@ -1,0 +1,68 @@
+"""What the renderers write, read as a user's data set."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from posed_train import bop, cli, registration
+from posed_train.render.dataset import render_dataset
+from posed_train.render.rasteriser import Rasteriser
+from tests.conftest import MODELS
+
+BRACKET = 2
+
+
+def check_boxes(split: Path) -> None:
+    """The mesh, projected with the stated pose and camera, fills the stated box and mask."""
+    vertices = trimesh.load(MODELS / f"obj_{BRACKET:06d}.ply", process=False).vertices * 1e-3
+    checked = 0
+    for view in bop.read_views(split, BRACKET, min_visible=0.98):
+        pixels = registration.project(view.camera_matrix, view.camera_from_object, vertices)
+        if pixels.min() > 1 and (pixels.max(0) < [638, 478]).all():
+            x, y, w, h = view.box
+            corners = np.concatenate([pixels.min(0) - [x, y], pixels.max(0) - [x + w - 1, y + h - 1]])
+            assert np.abs(corners).max() < 2
+            hull = cv2.convexHull(np.rint(pixels).astype(np.int32))
+            silhouette = cv2.fillConvexPoly(np.zeros((480, 640), np.uint8), hull, 255)
+            assert (bop.read_mask(view) <= cv2.dilate(silhouette, np.ones((3, 3)))).all()
+            checked += 1
+    assert checked > 0
+
+
+def test_rasterised_poses_and_boxes_agree(rendered):
+    check_boxes(rendered / "train")
+
+
+@pytest.mark.skipif(not cli.BLENDER_PYTHON.exists(), reason="`make render-env` was not run")
+def test_photoreal_poses_and_boxes_agree(tmp_path):
+    command = [cli.BLENDER_PYTHON, "-m", "posed_train.render.command", MODELS, tmp_path / "train"]
+    subprocess.run([*command, "--engine", "cycles", "--scenes", "1", "--views", "4", "--first", "3"], check=True)
+    check_boxes(tmp_path / "train")
+
+
+def test_a_stopped_run_goes_on(rendered, tmp_path):
+    """Finished scenes are kept as they are; the one that lacks its last file is made again, and the same."""
+    split = tmp_path / "train"
+    shutil.copytree(rendered / "train", split)
+    kept, unfinished = split / "000000" / "rgb" / "000000.jpg", split / "000001" / "scene_gt_info.json"
+    kept.write_bytes(b"as it was")
+    before = json.loads(unfinished.read_text())
+    unfinished.unlink()
+    render_dataset(Rasteriser, MODELS, split, scenes=4, views=4)
+    assert kept.read_bytes() == b"as it was"
+    assert json.loads(unfinished.read_text()) == before
+
+
+def test_refuses_models_that_it_cannot_render(tmp_path):
+    with pytest.raises(ValueError, match="no obj_"):
+        render_dataset(Rasteriser, tmp_path, tmp_path / "train", scenes=1, views=1)
+    shutil.copytree(MODELS, tmp_path / "models")
+    (tmp_path / "models" / "metallic.json").write_text('{"2": {"#ff00ff": 1}}')
+    with pytest.raises(ValueError, match="#ff00ff"):
+        render_dataset(Rasteriser, tmp_path / "models", tmp_path / "train", scenes=1, views=1)
