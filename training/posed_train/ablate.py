@@ -8,7 +8,7 @@ from pathlib import Path
 from .check import check
 from .config import KeypointConfig
 from .data import read_photoreal
-from .train import Validator, train
+from .train import train
 
 VARIANTS = {
     "component loss, cube of 8 keypoints, Fuse": {},
@@ -35,9 +35,8 @@ def run(config: KeypointConfig, data: Path, runs: Path, numbers: list[int]) -> N
             continue
         started = time.time()
         settings = replace(config, **change)
-        net, views = train(settings, data, out)
+        scores = train(settings, data, out).scores
         seconds = time.time() - started
-        scores = Validator(settings, data, views)(net)
         result.write_text(json.dumps({"name": name, "steps": settings.steps, "seconds": round(seconds), **scores}))
 
 

@@ -12,8 +12,8 @@ class KeypointConfig:
 
     name: str
     obj_id: int
-    photoreal: str | list[str]  # BOP splits: half of every batch
-    rasterised: str = ""  # BOP split of fast renders: the other half; may be left out
+    photoreal: str | list[str]  # BOP splits
+    rasterised: str = ""  # BOP split of fast renders; may be left out
     validation: str = ""
     models: str = ""  # BOP models folder: for scores only
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
@@ -29,10 +29,16 @@ class KeypointConfig:
     min_visible: float = 0.35
     steps: int = 12500
     batch: int = 32
+    photoreal_share: float = 0.5  # of every batch, if there are rasterised views
     learning_rate: float = 1.5e-3
-    distance_weight: float = 0.05  # of the soft-argmax distance (px) beside the cross-entropy
+    distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy
+    scale_weight: float = 0.0  # of their common scale's error (px): depth hangs on it
     augmentation: float = 1.0  # strength for the first half; it falls to 0.4 of this by 80 % of the steps
     seed: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0 < self.photoreal_share <= 1:
+            raise ValueError(f"photoreal_share {self.photoreal_share}: must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)

@@ -108,8 +108,9 @@ class Data:
 
     def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Crops `[B, 3, S, S]` and keypoints `[B, symmetries, N, 2]` in crop pixels."""
-        pools = [pool for pool in (self.photoreal, self.rasterised) if pool]
-        samples = [pools[i % len(pools)][rng.integers(len(pools[i % len(pools)]))] for i in range(size)]
+        photoreal = round(size * self.config.photoreal_share) if self.rasterised else size
+        pools = [self.photoreal] * photoreal + [self.rasterised] * (size - photoreal)
+        samples = [pool[rng.integers(len(pool))] for pool in pools]
         crops, affines = zip(*(augment(sample) for sample in samples))
         keypoints = [sample.keypoints @ a[:, :2].T + a[:, 2] for sample, a in zip(samples, affines)]
         return to_images(crops), torch.from_numpy(np.stack(keypoints)).float()

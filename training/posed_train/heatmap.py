@@ -16,24 +16,33 @@ def cell_centres(cells: int, stride: float) -> Tensor:
     return (torch.arange(cells, dtype=torch.float32) + 0.5) * stride - 0.5
 
 
+def cell_grid(cells: int, stride: float) -> Tensor:
+    """`[S * S, 2]`: the centre (u, v) of each cell of a heatmap, row by row."""
+    centres = cell_centres(cells, stride)
+    return torch.stack([centres.repeat(cells), centres.repeat_interleave(cells)], dim=1)
+
+
+def window_mean(probability: Tensor, grid: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean position `[B, N, 2]` of probabilities `[B, N, S * S]` in the window around the highest cell, and what lies
+    in that window `[B, N]`."""
+    highest = grid[probability.argmax(-1)]  # [B, N, 2]
+    away = (grid - highest[:, :, None]).abs().amax(-1)
+    window = probability * (away < WINDOW_PX)
+    peaks = window.sum(-1)
+    return (window / peaks[..., None]) @ grid, peaks
+
+
 class Decode(nn.Module):
     """`[B, N, S, S]` logits -> keypoints `[B, N, 2]` (u, v) and covariances `[B, N, 2, 2]` in crop pixels, and
     peaks `[B, N]`: the probability inside the window, 0..1."""
 
     def __init__(self, cells: int, stride: int):
         super().__init__()
-        self.reach = WINDOW_PX
-        centres = cell_centres(cells, stride)
-        grid = torch.stack([centres.repeat(cells), centres.repeat_interleave(cells)], dim=1)
-        self.register_buffer("grid", grid, persistent=False)  # [S * S, 2] as (u, v)
+        self.register_buffer("grid", cell_grid(cells, stride), persistent=False)
 
     def forward(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         probability = logits.float().flatten(2).softmax(-1)
-        highest = self.grid[probability.argmax(-1)]  # [B, N, 2]
-        away = (self.grid - highest[:, :, None]).abs().amax(-1)
-        window = probability * (away < self.reach)
-        peaks = window.sum(-1)
-        keypoints = (window / peaks[..., None]) @ self.grid
+        keypoints, peaks = window_mean(probability, self.grid)
         offset = self.grid - keypoints[:, :, None]  # [B, N, S * S, 2]
         covariances = (offset * probability[..., None]).transpose(-1, -2) @ offset
         return keypoints, covariances, peaks

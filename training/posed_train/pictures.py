@@ -24,6 +24,7 @@ COLUMNS = (
     "rotation_median_deg",
     "translation_median_mm",
     "keypoint_median_px",
+    "scale_median_percent",
 )
 SHEET = (4, 6)  # rows, columns
 PREDICTED, TRUE = (60, 220, 60), (230, 60, 60)
@@ -48,9 +49,9 @@ class Log:
 
 
 def draw_curves(log: Log, out: Path) -> None:
-    """Loss, shares of good poses and median keypoint error over the steps."""
+    """Loss, shares of good poses, and median errors of keypoints over the steps."""
     rows = log.read()
-    figure, (loss, shares, pixels) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
+    figure, (loss, shares, errors) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
 
     def curve(axes, column: str, label: str) -> None:
         points = [(int(row["step"]), float(row[column])) for row in rows if row[column]]
@@ -60,14 +61,16 @@ def draw_curves(log: Log, out: Path) -> None:
     curve(loss, "loss", "training loss")
     for column, label in (("add_percent", "ADD(-S)"), ("proj5_percent", "Proj-5"), ("deg5_cm5_percent", "5°5cm")):
         curve(shares, column, label)
-    curve(pixels, "keypoint_median_px", "median keypoint error")
-    for axes, unit in ((loss, "loss"), (shares, "% of validation views"), (pixels, "px")):
+    curve(errors, "keypoint_median_px", "keypoints, px")
+    curve(errors, "scale_median_percent", "their common scale, %")
+    for axes, unit in ((loss, "loss"), (shares, "% of validation views"), (errors, "median error")):
         axes.set_xlabel("step")
         axes.set_ylabel(unit)
         axes.grid(alpha=0.3)
     shares.set_ylim(0, 100)
-    if shares.get_lines():
-        shares.legend()
+    for axes in (shares, errors):
+        if axes.get_lines():
+            axes.legend()
     figure.savefig(out, dpi=90)
     plt.close(figure)
 

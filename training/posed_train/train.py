@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -69,8 +70,8 @@ class Trainer(optimise.Run):
         """Supervised by the projected keypoints."""
         images, keypoints = batch
         logits = self.forward(images)
-        loss = heatmap_loss(logits, keypoints.to(DEVICE), self.model.input_size, self.config.distance_weight)
-        return self.descend(loss)
+        weights = self.config.distance_weight, self.config.scale_weight
+        return self.descend(heatmap_loss(logits, keypoints.to(DEVICE), self.model.input_size, *weights))
 
     def pairwise_step(self, batch: PairBatch) -> float:
         """Supervised by the other view of a pair, as in the paper."""
@@ -82,9 +83,13 @@ class Trainer(optimise.Run):
         return self.descend(pairwise.pairwise_loss(self.keypoints, first, second, batch.second_from_first, consistency))
 
 
-def train(
-    config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0
-) -> tuple[KeypointNet, Views]:
+class Trained(NamedTuple):
+    net: KeypointNet
+    views: Views
+    scores: dict[str, float]  # of the finished net
+
+
+def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0) -> Trained:
     """Trains (or goes on training) one object's net; `out` gets checkpoint.pt, log.csv, curves.png and sheet.png.
 
     `workers` processes prepare batches; with none the training does so itself.
@@ -104,7 +109,7 @@ def train(
     )
     batches = load(source, data, config, trainer.step, workers)
     log = Log(out / "log.csv")
-    losses, started = [], time.time()
+    losses, started, scores = [], time.time(), None
     with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
         while trainer.step < config.steps:
             losses.append(step(next(batches)))
@@ -126,7 +131,7 @@ def train(
             log.write(row)
             draw_curves(log, out / "curves.png")
             losses = []
-    return trainer.average, views
+    return Trained(trainer.average, views, validator(trainer.average) if scores is None else scores)
 
 
 def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:

@@ -72,13 +72,16 @@ def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | No
 def score(
     model: metrics.Model, keypoints: np.ndarray, keypoints_from_object: np.ndarray, predictions: list[Prediction]
 ) -> dict[str, float]:
-    """ADD(-S) < 10 % of the diameter, Proj-5 and 5 deg 5 cm, as percentages, and median errors."""
-    add, proj, rotation, translation, pixels = [], [], [], [], []
+    """ADD(-S) < 10 % of the diameter, Proj-5 and 5 deg 5 cm, as percentages, and median errors: of the pose, of the
+    keypoints, and of their common scale, from which the depth follows."""
+    add, proj, rotation, translation, pixels, scales = [], [], [], [], [], []
     for prediction in predictions:
         alike = prediction.view.camera_from_object @ model.motions
         cameras = np.repeat(prediction.view.camera_matrix[None], len(alike), axis=0)
         expected = project(cameras, alike @ np.linalg.inv(keypoints_from_object), keypoints)
-        pixels.append(np.median(np.linalg.norm(prediction.keypoints - expected, axis=-1), axis=-1).min())
+        distances = np.median(np.linalg.norm(prediction.keypoints - expected, axis=-1), axis=-1)
+        pixels.append(distances.min())
+        scales.append(abs(relative_scale(prediction.keypoints, expected[distances.argmin()]) - 1))
         pose = solve_pose(keypoints, prediction)
         if pose is None:
             add.append(np.inf)
@@ -101,4 +104,11 @@ def score(
         "rotation_median_deg": float(np.median(rotation)),
         "translation_median_mm": 1000 * float(np.median(translation)),
         "keypoint_median_px": float(np.median(pixels)),
+        "scale_median_percent": 100 * float(np.median(scales)),
     }
+
+
+def relative_scale(found: np.ndarray, expected: np.ndarray) -> float:
+    """How much larger the points `[N, 2]` are as a whole than those expected (least squares)."""
+    found, expected = found - found.mean(0), expected - expected.mean(0)
+    return float((found * expected).sum() / (expected**2).sum())

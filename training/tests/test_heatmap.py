@@ -39,7 +39,23 @@ def test_loss_is_least_at_the_target_and_ignores_keypoints_outside():
 def test_gradient_of_the_loss():
     logits = torch.randn(1, 2, 8, 8, dtype=torch.double, requires_grad=True)
     keypoints = torch.tensor([[[[3.0, 5.0], [9.5, 12.0]], [[9.0, 9.0], [4.0, 2.0]]]], dtype=torch.double)
-    assert torch.autograd.gradcheck(lambda x: heatmap_loss(x, keypoints, 16), logits, atol=1e-5)
+    loss = lambda x: heatmap_loss(x, keypoints, 16, scale_weight=1.0)  # noqa: E731
+    assert torch.autograd.gradcheck(loss, logits, atol=1e-5)
+
+
+def test_a_common_scale_costs_more_than_errors_that_cancel():
+    """The same distances, once all outwards and once by turns outwards and inwards."""
+    corners = torch.tensor([[-30.0, -30.0], [30.0, -30.0], [30.0, 30.0], [-30.0, 30.0]])
+    outwards, by_turns = 1.05 * corners, corners * torch.tensor([[1.05], [0.95], [1.05], [0.95]])
+
+    def extra(found: torch.Tensor) -> float:
+        """What the weight of the scale adds to the loss."""
+        maps = torch.stack([gaussian(u, v, 2.5) for u, v in found + 64])[None]
+        plain, weighted = (heatmap_loss(maps, corners[None, None] + 64, 128, scale_weight=w) for w in (0.0, 1.0))
+        return float(weighted - plain)
+
+    assert extra(outwards) > 1.0
+    assert abs(extra(by_turns)) < 0.01
 
 
 def test_a_symmetric_object_may_be_seen_either_way():
