@@ -74,6 +74,8 @@ class Augmenter:
         rng, s = self.rng, self.strength
         if rng.random() < 0.4 * s:
             crop = cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.3, 1.6))
+        if rng.random() < 0.35 * s:  # cameras sharpen: without this, photos seemed larger than renders by three percent
+            crop = crop + rng.uniform(0.3, 2.5) * (crop - cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.5, 1.5)))
         if rng.random() < 0.5 * s:
             crop = crop + rng.uniform(1, 10) * rng.standard_normal(crop.shape, np.float32)
         return crop

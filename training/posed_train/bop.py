@@ -94,6 +94,12 @@ def stated_pose(entry: dict, kind: str) -> np.ndarray | None:
     return None if rotation is None or translation is None else rigid(rotation, translation)
 
 
+def pose_entry(pose: np.ndarray, kind: str) -> dict[str, list[float]]:
+    """The other way round."""
+    translation_mm = pose[:3, 3] / METRES_PER_MILLIMETRE
+    return {f"cam_R_{kind}": pose[:3, :3].flatten().tolist(), f"cam_t_{kind}": translation_mm.tolist()}
+
+
 def read_rgb(path: Path) -> np.ndarray:
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
@@ -103,6 +109,12 @@ def read_rgb(path: Path) -> np.ndarray:
 
 def read_mask(view: View) -> np.ndarray | None:
     return None if view.mask_path is None else cv2.imread(str(view.mask_path), cv2.IMREAD_GRAYSCALE)
+
+
+def write_image(path: Path, image: np.ndarray, options: list[int]) -> None:
+    """`image` as OpenCV has it: BGR, or grey."""
+    if not cv2.imwrite(str(path), image, options):
+        raise OSError(f"{path}: cannot write the image; is the disk full?")
 
 
 def symmetry_motions(declared: list[list[float]]) -> np.ndarray:

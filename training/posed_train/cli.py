@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import ablate, check, config, data, detector, export, train
+from . import ablate, check, config, data, detector, export, pack, train
 from .bop import DatasetError
 from .render import command as rendering
 
@@ -28,6 +28,12 @@ def main() -> None:
     checking.add_argument("settings", type=Path, help="train.toml")
     checking.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
     checking.set_defaults(run=run_check)
+
+    packing = commands.add_parser("pack", help="copy what a keypoint net's training needs of a dataset, as small crops")
+    packing.add_argument("settings", type=Path, help="train.toml")
+    packing.add_argument("out", type=Path, help="new folder, to be given as --data")
+    packing.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    packing.set_defaults(run=run_pack)
 
     keypoints = commands.add_parser("keypoints", help="train one object's keypoint net and export it")
     detect = commands.add_parser("detector", help="train the detector of all objects and export it")
@@ -70,6 +76,12 @@ def run_render(arguments: argparse.Namespace) -> None:
 def run_check(arguments: argparse.Namespace) -> None:
     settings = config.load(arguments.settings, config.KeypointConfig)
     print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
+
+
+def run_pack(arguments: argparse.Namespace) -> None:
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    written = pack.pack(settings, arguments.data, arguments.out)
+    print(f"{arguments.out}: {written / 1e6:.1f} MB")
 
 
 def run_ablate(arguments: argparse.Namespace) -> None:

@@ -199,6 +199,7 @@ def to_images(crops: list[np.ndarray]) -> Tensor:
 
 
 def read_backgrounds(folder: Path, least_px: int) -> list[np.ndarray]:
+    """The photos of a folder that are at least this large, none much larger than needed."""
     images = []
     for path in sorted(folder.glob("*.jpg")):
         image = bop.read_rgb(path)
@@ -206,4 +207,8 @@ def read_backgrounds(folder: Path, least_px: int) -> list[np.ndarray]:
         if min(image.shape[:2]) >= least_px:
             image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
             images.append(image)
+    if not images:
+        raise bop.DatasetError(
+            f"{folder}: no *.jpg of at least {least_px} px on its shorter side; `backgrounds` names it"
+        )
     return images

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from ..bop import pose_entry, write_image
 from .layout import CAMERA_MATRIX, Camera, Layout, draw_layout
 from .objects import ObjectMesh, load_objects
 
@@ -70,15 +71,6 @@ def write_scene(engine: Engine, objects: list[ObjectMesh], layout: Layout, out: 
     (out / "scene_gt.json").write_text(json.dumps(poses))
     # Written last: a scene without it is unfinished and made again.
     (out / "scene_gt_info.json").write_text(json.dumps(infos))
-
-
-def write_image(path: Path, image: np.ndarray, options: list[int]) -> None:
-    if not cv2.imwrite(str(path), image, options):
-        raise OSError(f"{path}: cannot write the image; is the disk full?")
-
-
-def pose_entry(pose: np.ndarray, name: str) -> dict:
-    return {f"cam_R_{name}": pose[:3, :3].flatten().tolist(), f"cam_t_{name}": (pose[:3, 3] * 1000).tolist()}
 
 
 def info_entry(mask: np.ndarray, full_area: int) -> dict:

@@ -1,0 +1,75 @@
+"""Packs what one training needs of a dataset into a small BOP folder, to be sent to the machine that trains.
+
+Every view becomes an image of its patch alone. Cutting and scaling an image is a change of its camera matrix, so the
+packed folder is a dataset like any other, with the same relative poses, and `train.toml` needs no change.
+"""
+
+import json
+import shutil
+from collections import defaultdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from .bop import View, pose_entry, read_mask, read_rgb, read_views, write_image
+from .config import KeypointConfig, splits
+from .crops import PATCH_PER_INPUT, PATCH_SCALE, Square
+from .data import read_backgrounds
+from .network import design
+
+JPEG_QUALITY = 92
+
+
+def pack(config: KeypointConfig, data: Path, out: Path) -> int:
+    """Returns the bytes written. A folder that exists is not written into."""
+    if out.exists():
+        raise OSError(f"{out}: exists already; remove it or pack elsewhere")
+    size = round(PATCH_PER_INPUT * design(config.network).input_size)
+    for split in [*splits(config.photoreal), config.rasterised, config.validation]:
+        if split:
+            scenes = defaultdict(list)
+            for view in read_views(data / split, config.obj_id, config.min_visible):
+                scenes[view.scene].append(view)
+            for scene, views in tqdm(scenes.items(), desc=split, unit="scene"):
+                pack_scene(views, config.obj_id, size, out / split / scene)
+    if config.models:
+        shutil.copytree(data / config.models, out / config.models)
+    if config.backgrounds:
+        pack_backgrounds(data / config.backgrounds, size, out / config.backgrounds)
+    return sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
+
+
+def pack_scene(views: list[View], obj_id: int, size: int, out: Path) -> None:
+    for sub in ("rgb", "mask_visib"):
+        (out / sub).mkdir(parents=True)
+    files = {"camera": {}, "gt": {}, "gt_info": {}}
+    for number, view in enumerate(views):
+        square = Square.around(view.box, PATCH_SCALE)
+        write_jpeg(out / f"rgb/{number:06d}.jpg", square.cut(read_rgb(view.image_path), size))
+        mask = read_mask(view)
+        if mask is not None:
+            write_image(out / f"mask_visib/{number:06d}_000000.png", square.cut(mask, size), [])
+        key, crop_from_image = str(number), square.crop_from_image(size)
+        files["camera"][key] = {"cam_K": (crop_from_image @ view.camera_matrix).flatten().tolist()}
+        if view.camera_from_world is not None:
+            files["camera"][key] |= pose_entry(view.camera_from_world, "w2c")
+        files["gt"][key] = [{"obj_id": obj_id}]
+        if view.camera_from_object is not None:
+            files["gt"][key][0] |= pose_entry(view.camera_from_object, "m2c")
+        x, y, w, h = view.box
+        box = (np.array([x - square.left, y - square.top, w, h]) * size / square.side).tolist()
+        files["gt_info"][key] = [{"bbox_visib": box, "visib_fract": view.visible_fraction}]
+    for name, content in files.items():
+        (out / f"scene_{name}.json").write_text(json.dumps(content))
+
+
+def pack_backgrounds(folder: Path, least_px: int, out: Path) -> None:
+    out.mkdir(parents=True)
+    for number, image in enumerate(read_backgrounds(folder, least_px)):
+        write_jpeg(out / f"{number:06d}.jpg", image)
+
+
+def write_jpeg(path: Path, image: np.ndarray) -> None:
+    write_image(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
