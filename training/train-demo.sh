@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Trains all demo models: `train-demo.sh DATA`, DATA holding rendered/, cycles/ (more scenes like those of rendered/train)
-# and backgrounds/. Stopped, it goes on where it was.
+# Trains all demo models: `train-demo.sh DATA`, DATA holding backgrounds/, a folder of photos; what else is missing is
+# rendered there. Stopped, it goes on where it was.
 set -euo pipefail
 data=$(realpath "$1")
 cd "$(dirname "$0")"
@@ -10,7 +10,17 @@ keypoints() { # settings, runs, checkpoint to start from
 	$train keypoints "demo/$1" --data "$data" --models ../models --runs "$2" ${3:+--init "$3"}
 }
 
-[ -d "$data/rasterised" ] || $train render demo/models "$data/rasterised" --scenes 720
+images() { # folder in DATA, options of `posed-train render`
+	$train render demo/models "$data/$1" "${@:2}"
+}
+
+images rasterised --scenes 720 --views 6
+images rendered/train --engine cycles --scenes 70 --views 8
+images rendered/val --engine cycles --scenes 5 --views 8 --first 100000
+images cycles --engine cycles --scenes 38 --views 8 --first 3000
+images cycles-pairs --engine cycles --scenes 120 --views 2 --first 10000
+[ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
+
 for object in cube bracket; do
 	keypoints $object.toml runs
 	keypoints fine-tune/$object.toml runs/fine-tune runs/$object/checkpoint.pt
@@ -19,5 +29,8 @@ done
 for object in motor link; do
 	keypoints $object.toml runs runs/fine-tune/cube/checkpoint.pt
 	keypoints more-keypoints/$object.toml runs/more-keypoints runs/$object/checkpoint.pt
+done
+for object in cube bracket motor link; do
+	keypoints scale/$object.toml runs/scale runs/more-keypoints/$object/checkpoint.pt
 done
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

@@ -5,6 +5,10 @@ import numpy as np
 
 from .crops import CROP_SCALE, PATCH_SCALE, Patch
 
+# Of the larger box side, as a detector errs. Twice as much costs depth: a net is most exact where it has seen most.
+BOX_SIZE_NOISE = 0.06
+BOX_PLACE_NOISE = 0.04
+
 
 class Augmenter:
     """Turns patches into network inputs. `size` is its side; `backgrounds` are RGB images of at
@@ -34,8 +38,8 @@ class Augmenter:
         rng = self.rng
         angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 * self.strength else rng.normal(0, np.radians(25))
         side = patch_size / PATCH_SCALE  # the larger box side, in patch pixels
-        crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, 0.12))
-        centre = patch_size / 2 - 0.5 + side * np.array([truncated_normal(rng, 0.06) for _ in range(2)])
+        crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, BOX_SIZE_NOISE))
+        centre = patch_size / 2 - 0.5 + side * np.array([truncated_normal(rng, BOX_PLACE_NOISE) for _ in range(2)])
         c, s = np.cos(angle) * self.size / crop_side, np.sin(angle) * self.size / crop_side
         linear = np.array([[c, -s], [s, c]])
         return np.column_stack([linear, self.size / 2 - 0.5 - linear @ centre])

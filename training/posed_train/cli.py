@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import ablate, check, config, data, detector, export, pack, train
+from . import ablate, check, config, data, detector, export, pack, quantize, train
 from .bop import DatasetError
 from .render import command as rendering
 
@@ -56,6 +56,13 @@ def main() -> None:
     keypoints.add_argument("--workers", type=int, default=0, help="processes that prepare batches; a GPU needs several")
     keypoints.set_defaults(run=run_keypoints)
     detect.set_defaults(run=run_detector)
+
+    quantizing = commands.add_parser("quantize", help="make an 8-bit copy of an exported keypoint net and compare")
+    quantizing.add_argument("settings", type=Path, help="train.toml of its training")
+    quantizing.add_argument("model", type=Path, help="model folder")
+    quantizing.add_argument("out", type=Path, help="new model folder")
+    quantizing.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    quantizing.set_defaults(run=run_quantize)
 
     arguments = parser.parse_args()
     try:
@@ -113,6 +120,11 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     out = arguments.models / settings.name
     export.export_keypoints(net.cpu(), views, out, identity, summary, settings.symmetries_discrete)
     print(f"{out}: {summary}")
+
+
+def run_quantize(arguments: argparse.Namespace) -> None:
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    print(quantize.table(quantize.quantize(settings, arguments.data, arguments.model, arguments.out)))
 
 
 def run_detector(arguments: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ rounded to that precision before anything is measured.
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -194,20 +195,25 @@ def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -
     return np.median(np.array(squared), axis=0) / (2 * np.log(2))
 
 
-def write_parity(module: KeypointExport, network: Path, views: list[View]) -> None:
-    """`parity.png`, crops one below the other, and `parity.json`, where PyTorch sees their keypoints: whoever runs the
-    exported network elsewhere can compare. Refuses an export that differs here already."""
-    size = module.net.input_size
-    cut = [cut_crops(view, read_rgb(view.image_path), size, (1.0,))[0] for view in views]
-    crops = np.concatenate(cut) if cut else np.random.default_rng(1).integers(0, 256, (2, size, size, 3), np.uint8)
-    with torch.no_grad():
-        keypoints = module(torch.from_numpy(crops))[0].numpy()
-    apart = np.abs(predictor(network).run(crops)[0] - keypoints).max()
+def write_parity(expect: Callable[[np.ndarray], np.ndarray], network: Path, views: list[View]) -> None:
+    """`parity.png`, crops one below the other, and `parity.json`, where `expect` sees their keypoints: whoever runs the
+    exported network elsewhere can compare. Refuses a network that differs here already."""
+    net = predictor(network)
+    views = views[:: max(1, len(views) // PARITY_CROPS)][:PARITY_CROPS]
+    cut = [cut_crops(view, read_rgb(view.image_path), net.size, (1.0,))[0] for view in views]
+    noise = np.random.default_rng(1).integers(0, 256, (2, net.size, net.size, 3), np.uint8)
+    crops = np.concatenate(cut) if cut else noise
+    keypoints = expect(crops)
+    apart = np.abs(net.run(crops)[0] - keypoints).max()
     if apart > PARITY_TOLERANCE_PX:
-        raise RuntimeError(f"{network}: ONNX Runtime and PyTorch differ by {apart:.3f} px")
-    Image.fromarray(crops.reshape(-1, size, 3)).save(network.with_name("parity.png"), optimize=True)
+        raise RuntimeError(f"{network}: differs by {apart:.3f} px from what was exported")
+    Image.fromarray(crops.reshape(-1, net.size, 3)).save(network.with_name("parity.png"), optimize=True)
     expected = {"keypoints_px": keypoints.round(4).tolist(), "tolerance_px": PARITY_TOLERANCE_PX}
     network.with_name("parity.json").write_text(json.dumps(expected, indent=1) + "\n")
+
+
+def write_manifest(path: Path, manifest: dict) -> None:
+    path.write_text(json.dumps(manifest, indent=2) + "\n")
 
 
 def export_keypoints(
@@ -228,7 +234,8 @@ def export_keypoints(
     onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
     registration = views.registration
     held_out = [views.all[index] for index in views.held_out]
-    write_parity(module, path, held_out[:: max(1, len(held_out) // PARITY_CROPS)][:PARITY_CROPS])
+    with torch.no_grad():
+        write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, held_out)
     scale = covariance_scale(predictor(path), held_out, views.targets(views.held_out))
     manifest = {
         **identity,
@@ -243,7 +250,7 @@ def export_keypoints(
         "covariance_scale": scale.round(4).tolist(),
         "training": training,
     }
-    (out / "object.json").write_text(json.dumps(manifest, indent=2) + "\n")
+    write_manifest(out / "object.json", manifest)
 
 
 def export_detector(model, labels: list[str], out: Path, training: dict, score_threshold: float = 0.4) -> None:
@@ -270,7 +277,7 @@ def export_detector(model, labels: list[str], out: Path, training: dict, score_t
         "score_threshold": score_threshold,
         "training": training,
     }
-    (out / "detector.json").write_text(json.dumps(manifest, indent=2) + "\n")
+    write_manifest(out / "detector.json", manifest)
 
 
 def sha256(path: Path) -> str:

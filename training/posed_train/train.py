@@ -183,9 +183,10 @@ class Validator:
             self.model = metrics.load_model(models / f"obj_{config.obj_id:06d}.ply", info)
 
     def __call__(self, model: KeypointNet) -> dict[str, float]:
-        if not self.views:
-            return {}
-        predictions = predict_views(predictor(model), self.views)
+        return self.score(predictor(model)) if self.views else {}
+
+    def score(self, net: Predictor) -> dict[str, float]:
+        predictions = predict_views(net, self.views)
         offset = self.keypoints_from_object if self.anchored else self.voted_offset(predictions)
         return score(self.model, self.registration.keypoints, offset, predictions)
 

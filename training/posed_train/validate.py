@@ -21,7 +21,7 @@ class Predictor:
     run: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-CROP_ENSEMBLE = (0.87, 1.0, 1.13)
+CROP_ENSEMBLE = (0.95, 1.0, 1.05)
 """Sizes of the crops that keypoints are averaged over, as factors of CROP_SCALE: a small net's errors differ from one
 crop to the next."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from posed_train import augment, bop, cli, config, data, detector, export, registration, train
+from posed_train import augment, bop, cli, config, data, detector, export, quantize, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
@@ -83,6 +83,16 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     again = export.predictor(out / "keypoints.onnx").run(crops)[0]
     np.testing.assert_allclose(again, parity["keypoints_px"], atol=parity["tolerance_px"])
     assert np.ptp(again, axis=0).max() > 1, "the crops differ, and so do their keypoints"
+
+    small = tmp_path / "int8" / "cube"
+    scores = quantize.quantize(CUBE, rendered, out, small)
+    assert set(scores) == {"float", "int8"}
+    assert (small / "keypoints.onnx").stat().st_size < 0.7 * (out / "keypoints.onnx").stat().st_size
+    near = export.predictor(small / "keypoints.onnx").run(crops)[0]
+    assert 0 < np.median(np.abs(near - again)) < 2
+    assert json.loads((small / "object.json").read_text())["model_sha256"] == export.sha256(small / "keypoints.onnx")
+    with pytest.raises(bop.DatasetError, match="not trained with these settings"):
+        quantize.quantize(replace(CUBE, keypoint_shape="octahedron"), rendered, out, tmp_path / "never")
 
 
 def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(rendered, tmp_path):
