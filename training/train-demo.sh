@@ -18,7 +18,7 @@ images rasterised --scenes 720 --views 6
 images rendered/train --engine cycles --scenes 70 --views 8
 images rendered/val --engine cycles --scenes 5 --views 8 --first 100000
 images cycles --engine cycles --scenes 38 --views 8 --first 3000
-images cycles-pairs --engine cycles --scenes 120 --views 2 --first 10000
+images cycles-pairs --engine cycles --scenes 66 --views 2 --first 10000
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
 for object in cube bracket; do

@@ -72,7 +72,7 @@ def draw_layout(objects: list[ObjectMesh], views: int, tumbled: float, rng: np.r
         floor_z=-rng.uniform(0.05, 0.9),
         walls=[draw_wall(quarter, rng) for quarter in range(4)],
         lights=[draw_light(rng) for _ in range(rng.integers(1, 4))],
-        clutter=[draw_clutter(rng) for _ in range(rng.integers(4, 14))],
+        clutter=[draw_clutter(placed, rng) for _ in range(rng.integers(4, 14))],
         cameras=[draw_camera(objects, placed, centre, rng) for _ in range(views)],
     )
 
@@ -85,13 +85,21 @@ def place(item: ObjectMesh, others: list[np.ndarray], tumbled: float, rng: np.ra
     else:
         resting = rng.choice(len(item.resting_rotations), p=item.resting_probabilities)
         pose[:3, :3] = about_z(rng.uniform(0, 2 * np.pi)) @ item.resting_rotations[resting]
-    for _ in range(50):
-        spot = rng.normal(0, 0.11, 2)
-        if all(np.linalg.norm(spot - other[:2, 3]) > rng.uniform(0.06, 0.11) for other in others):
-            break
+    spot = free_spot(others, spread=0.11, apart=(0.06, 0.11), rng=rng)
     lowest = (item.mesh.vertices @ pose[:3, :3].T)[:, 2].min()
     pose[:3, 3] = [*spot, -lowest + 0.0003]
     return pose
+
+
+def free_spot(
+    others: list[np.ndarray], spread: float, apart: tuple[float, float], rng: np.random.Generator
+) -> np.ndarray:
+    """A place on the table `[2]` that far from all others, if fifty draws find one."""
+    for _ in range(50):
+        spot = rng.normal(0, spread, 2)
+        if all(np.linalg.norm(spot - other[:2, 3]) > rng.uniform(*apart) for other in others):
+            break
+    return spot
 
 
 def draw_wall(quarter: int, rng: np.random.Generator) -> Wall:
@@ -104,11 +112,12 @@ def draw_light(rng: np.random.Generator) -> Light:
     return Light(rng.uniform(0.9, 2.4) * towards, random_tint(rng))
 
 
-def draw_clutter(rng: np.random.Generator) -> Clutter:
+def draw_clutter(objects: list[np.ndarray], rng: np.random.Generator) -> Clutter:
     radius = rng.uniform(0.01, 0.045)
     pose = np.eye(4)
     pose[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    pose[:3, 3] = [*rng.normal(0, 0.19, 2), radius * rng.uniform(0.3, 1.2)]
+    spot = free_spot(objects, spread=0.19, apart=(0.03 + radius, 0.06 + radius), rng=rng)
+    pose[:3, 3] = [*spot, radius * rng.uniform(0.3, 1.2)]
     return Clutter(str(rng.choice(CLUTTER_SHAPES)), radius * rng.uniform(0.4, 1.2, 3), pose)
 
 
