@@ -1,6 +1,6 @@
 //! Crops through a keypoint net, and back to image pixels.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 use fast_image_resize::Resizer;
 use image::RgbImage;
@@ -17,25 +17,80 @@ use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, find_pea
 /// Crops that go through a network at once: more bring no speed, but memory.
 const MAX_BATCH: usize = 16;
 
+/// A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong.
+const ZOOMED_PER_BOX: RangeInclusive<f64> = 0.5..=2.5;
+
 /// The crops of one box, for one object's network.
 pub(super) struct Crops(Vec<Resampled>);
 
-/// Cuts the crops of one box: one, or those of the ensemble.
+/// Cuts the crops of one box for a first look: those of the ensemble, or one if there will be a second look.
 pub(super) fn cut(
     manifest: &KeypointManifest,
     resizer: &mut Resizer,
     image: &RgbImage,
     region: &BoundingBox,
 ) -> Result<Crops, ResampleError> {
-    let scales = manifest.crop_ensemble.iter().map(|factor| factor * manifest.crop_scale);
+    let factors = if manifest.zoom.is_some() { &[1.0] } else { manifest.crop_ensemble.as_slice() };
+    cut_all(manifest, resizer, image, region, factors)
+}
+
+fn cut_all(
+    manifest: &KeypointManifest,
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: &BoundingBox,
+    factors: &[f64],
+) -> Result<Crops, ResampleError> {
+    let scales = factors.iter().map(|factor| factor * manifest.crop_scale);
     scales
         .map(|scale| crop_square(resizer, image, region, scale, manifest.input.size))
         .collect::<Result<_, _>>()
         .map(Crops)
 }
 
-/// The keypoints of many boxes, in a few runs of the network.
-pub(super) fn predict(
+/// The keypoints within many boxes of images, in a few runs of the network: `crops` are their first look, [`cut`].
+pub(super) fn locate(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    resizer: &mut Resizer,
+    boxes: &[(&RgbImage, BoundingBox)],
+    crops: &[Crops],
+) -> Result<Vec<KeypointPrediction>, EstimateError> {
+    let mut found = predict(manifest, network, crops)?;
+    let Some(zoom) = manifest.zoom else { return Ok(found) };
+    let closer = |(at, prediction): (usize, &KeypointPrediction)| {
+        let (image, region) = &boxes[at];
+        Some((at, *image, zoomed(prediction, region, zoom)?))
+    };
+    let closer: Vec<_> = found.iter().enumerate().filter_map(closer).collect();
+    let cut = |(_, image, region): &(usize, &RgbImage, BoundingBox)| {
+        cut_all(manifest, resizer, image, region, &manifest.crop_ensemble)
+    };
+    let crops = closer.iter().map(cut).collect::<Result<Vec<_>, _>>()?;
+    for ((at, ..), prediction) in closer.iter().zip(predict(manifest, network, &crops)?) {
+        found[*at] = prediction;
+    }
+    Ok(found)
+}
+
+/// Where to look again: about the keypoints' centre, as large as they are spread. `None` where that is no place for the
+/// object of this box.
+fn zoomed(prediction: &KeypointPrediction, region: &BoundingBox, zoom: f64) -> Option<BoundingBox> {
+    let share = (prediction.pixels.len() as f64).recip();
+    let centre = prediction.pixels.iter().sum::<Vector2<f64>>() * share;
+    let square = prediction.pixels.iter().map(|pixel| (pixel - centre).norm_squared()).sum::<f64>() * share;
+    let side = zoom * square.sqrt();
+    let near = (centre - region.centre()).amax() <= region.extent();
+    (near && ZOOMED_PER_BOX.contains(&(side / region.extent()))).then(|| BoundingBox {
+        x: centre.x + 0.5 - side / 2.0,
+        y: centre.y + 0.5 - side / 2.0,
+        width: side,
+        height: side,
+    })
+}
+
+/// The keypoints of many boxes by their crops.
+fn predict(
     manifest: &KeypointManifest,
     network: &mut dyn Network,
     boxes: &[Crops],
@@ -50,7 +105,13 @@ pub(super) fn predict(
             in_image(&image_from_crop, raw, &manifest.covariance_scale)
         }));
     }
-    Ok(of_crops.chunks_exact(manifest.crop_ensemble.len()).map(average).collect())
+    let mut rest = of_crops.as_slice();
+    let next = |Crops(crops): &Crops| {
+        let (of_box, others) = rest.split_at(crops.len());
+        rest = others;
+        average(of_box)
+    };
+    Ok(boxes.iter().map(next).collect())
 }
 
 /// What the network says of each crop, in crop pixels and with its own covariances. `rgb` holds the crops, one after
@@ -183,7 +244,7 @@ pub(super) fn solve_within(
 ) -> Result<Result<Solution, PnpError>, EstimateError> {
     let camera = camera.for_image(image.width(), image.height())?;
     let crops = cut(manifest, resizer, image, region)?;
-    let predictions = predict(manifest, network, &[crops])?;
+    let predictions = locate(manifest, network, resizer, &[(image, *region)], &[crops])?;
     Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
 }
 

@@ -132,7 +132,8 @@ impl Estimator {
         for (model, network) in self.library.objects.iter().zip(&mut self.networks.keypoints) {
             if let (Some(model), Some(network)) = (model, network) {
                 let crops = keypoints::cut(&model.manifest, &mut self.resizer, &image, &region)?;
-                keypoints::predict(&model.manifest, network.as_mut(), &[crops])?;
+                let boxes = [(&image, region)];
+                keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &boxes, &[crops])?;
             }
         }
         Ok(())
@@ -161,12 +162,14 @@ impl Estimator {
         let start = Instant::now();
         let (wanted, crops) = self.cut_crops(index, model, frames, progress);
         let Some(network) = self.networks.keypoints[index].as_mut().filter(|_| !wanted.is_empty()) else { return };
-        let predictions = match keypoints::predict(&model.manifest, network.as_mut(), &crops) {
+        let boxes: Vec<_> = wanted.iter().map(|w| (frames[w.frame].image, w.detection.bounding_box)).collect();
+        let located = keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &boxes, &crops);
+        let predictions = match located {
             Ok(predictions) => predictions,
             Err(error) => {
                 // Only the frames that show this object are answered with its network's failure.
                 for Wanted { frame, .. } in wanted {
-                    progress[frame] = Err(error.clone().into());
+                    progress[frame] = Err(error.clone());
                 }
                 return;
             }

@@ -5,3 +5,4 @@ mod formats;
 mod queue;
 mod real;
 mod script;
+mod zoom;

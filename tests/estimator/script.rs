@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use image::RgbImage;
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use posed::estimator::Estimator;
 use posed::geometry::{Camera, Pose};
 use posed::model::{Backend, Input, Library, Network, Output, Outputs, Provider, References, RuntimeError};
@@ -178,14 +178,17 @@ pub fn end2end() -> Output {
     output("detections", &[1, 1, 6], vec![x, y, x + width, y + height, 0.9, 0.0])
 }
 
+/// Where the corners are in the image.
+pub fn corner_pixels() -> [Vector2<f64>; 8] {
+    corners().map(|corner| camera().project(&truth().transform(&corner)).unwrap())
+}
+
 /// Where the corners are in the crop of [`BOX`], pixels.
 pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
     let side = SCALE * BOX[2].max(BOX[3]);
     let first_edge = [0, 1].map(|axis| BOX[axis] + BOX[axis + 2] / 2.0 - side / 2.0);
-    corners().map(|corner| {
-        let pixel = camera().project(&truth().transform(&corner)).unwrap();
-        [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5)
-    })
+    corner_pixels()
+        .map(|pixel| [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5))
 }
 
 /// What a keypoint net says of `batch` crops of [`BOX`].

@@ -3,11 +3,14 @@
 import cv2
 import numpy as np
 
-from .crops import CROP_SCALE, PATCH_SCALE, Patch
+from .crops import CROP_SCALE, Patch
 
-# Of the larger box side, as a detector errs. Twice as much costs depth: a net is most exact where it has seen most.
-BOX_SIZE_NOISE = 0.06
-BOX_PLACE_NOISE = 0.04
+ZOOM_SHARE = 0.6
+"""Of the crops: cut as for the second look."""
+# Standard deviations of a crop's size and place, of the box's side: as detectors err, and as a first look does. The
+# less, the better: a net is most exact where it has seen most.
+BOX_NOISE = 0.08, 0.05
+ZOOM_NOISE = 0.04, 0.03
 
 
 class Augmenter:
@@ -23,7 +26,7 @@ class Augmenter:
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
-        crop_from_patch = self.random_affine(patch.rgb.shape[0])
+        crop_from_patch = self.random_affine(patch)
         crop = self.warp(patch.rgb, crop_from_patch)
         if patch.mask is not None and self.backgrounds:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
@@ -34,12 +37,13 @@ class Augmenter:
         crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
         return np.clip(crop, 0, 255).astype(np.uint8), crop_from_patch
 
-    def random_affine(self, patch_size: int) -> np.ndarray:
+    def random_affine(self, patch: Patch) -> np.ndarray:
         rng = self.rng
         angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 * self.strength else rng.normal(0, np.radians(25))
-        side = patch_size / PATCH_SCALE  # the larger box side, in patch pixels
-        crop_side = side * CROP_SCALE * np.exp(truncated_normal(rng, BOX_SIZE_NOISE))
-        centre = patch_size / 2 - 0.5 + side * np.array([truncated_normal(rng, BOX_PLACE_NOISE) for _ in range(2)])
+        zoom = patch.zoomed is not None and rng.random() < ZOOM_SHARE
+        box, (size_noise, place_noise) = (patch.zoomed, ZOOM_NOISE) if zoom else (patch.box, BOX_NOISE)
+        crop_side = box.side * CROP_SCALE * np.exp(truncated_normal(rng, size_noise))
+        centre = box.centre + box.side * np.array([truncated_normal(rng, place_noise) for _ in range(2)])
         c, s = np.cos(angle) * self.size / crop_side, np.sin(angle) * self.size / crop_side
         linear = np.array([[c, -s], [s, c]])
         return np.column_stack([linear, self.size / 2 - 0.5 - linear @ centre])

@@ -34,6 +34,7 @@ class Views:
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
+        self.zooms = config.loss == "component"  # where the keypoints are must be known
         self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
 
@@ -148,9 +149,8 @@ class Pairs:
                     self.partners.append((index, poses[index], others))
         if not self.partners:
             raise bop.DatasetError(f"no two views of a component are {MIN_BASELINE_DEG:.0f} degrees apart")
-        nothing = np.zeros((1, 1, 2))
         for index in tqdm({i for i, _, _ in self.partners}, f"{config.name}: cutting crops", mininterval=5):
-            self.patches[index] = cut_patch(views.all[index], nothing, size, config.masks)
+            self.patches[index] = cut_patch(views.all[index], None, size, config.masks)
 
     def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> PairBatch:
         firsts, seconds, relative = [], [], []

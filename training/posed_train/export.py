@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from . import detector
 from .bop import View, read_rgb
-from .crops import CROP_SCALE, cut_crops
+from .crops import CROP_SCALE, ZOOM, cut_crops
 from .data import Views
 from .heatmap import Decode
 from .network import KeypointNet
@@ -172,11 +172,12 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
-def predictor(path: Path) -> Predictor:
+def predictor(path: Path, zooms: bool) -> Predictor:
     """The exported keypoint net, as `validate` wants it."""
     net = session(path)
     size = net.get_inputs()[0].shape[1]
-    return Predictor(size, lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops})))
+    run = lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops}))  # noqa: E731
+    return Predictor(size, run, zooms)
 
 
 def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -> np.ndarray:
@@ -198,7 +199,7 @@ def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -
 def write_parity(expect: Callable[[np.ndarray], np.ndarray], network: Path, views: list[View]) -> None:
     """`parity.png`, crops one below the other, and `parity.json`, where `expect` sees their keypoints: whoever runs the
     exported network elsewhere can compare. Refuses a network that differs here already."""
-    net = predictor(network)
+    net = predictor(network, zooms=False)
     views = views[:: max(1, len(views) // PARITY_CROPS)][:PARITY_CROPS]
     cut = [cut_crops(view, read_rgb(view.image_path), net.size, (1.0,))[0] for view in views]
     noise = np.random.default_rng(1).integers(0, 256, (2, net.size, net.size, 3), np.uint8)
@@ -236,7 +237,7 @@ def export_keypoints(
     held_out = [views.all[index] for index in views.held_out]
     with torch.no_grad():
         write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, held_out)
-    scale = covariance_scale(predictor(path), held_out, views.targets(views.held_out))
+    scale = covariance_scale(predictor(path, views.zooms), held_out, views.targets(views.held_out))
     manifest = {
         **identity,
         "model_sha256": sha256(path),
@@ -245,6 +246,7 @@ def export_keypoints(
         **({"symmetries_discrete": symmetries_discrete} if symmetries_discrete else {}),
         "crop_scale": CROP_SCALE,
         "crop_ensemble": list(CROP_ENSEMBLE),
+        **({"zoom": ZOOM} if views.zooms else {}),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},
         "output": {"kind": "keypoints"},
         "covariance_scale": scale.round(4).tolist(),

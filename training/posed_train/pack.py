@@ -7,6 +7,7 @@ packed folder is a dataset like any other, with the same relative poses, and `tr
 import json
 import shutil
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -14,39 +15,51 @@ import numpy as np
 from tqdm import tqdm
 
 from .bop import View, pose_entry, read_mask, read_rgb, read_views, write_image
-from .config import KeypointConfig, splits
+from .config import KeypointConfig
 from .crops import PATCH_PER_INPUT, PATCH_SCALE, Square
-from .data import read_backgrounds
+from .data import Views, read_backgrounds
 from .network import design
 
 JPEG_QUALITY = 92
+UNPLACED_SCALE = 1.5
+"""More room where the box is all that is known: it is of the visible part."""
 
 
 def pack(config: KeypointConfig, data: Path, out: Path) -> int:
     """Returns the bytes written. A folder that exists is not written into."""
     if out.exists():
         raise OSError(f"{out}: exists already; remove it or pack elsewhere")
-    size = round(PATCH_PER_INPUT * design(config.network).input_size)
-    for split in [*splits(config.photoreal), config.rasterised, config.validation]:
-        if split:
-            scenes = defaultdict(list)
-            for view in read_views(data / split, config.obj_id, config.min_visible):
-                scenes[view.scene].append(view)
-            for scene, views in tqdm(scenes.items(), desc=split, unit="scene"):
-                pack_scene(views, config.obj_id, size, out / split / scene)
+    input_size = design(config.network).input_size
+    scenes = defaultdict(list)
+    for view, place in places(config, data):
+        scenes[Path(view.split).relative_to(data) / view.scene].append((view, place.scaled(PATCH_SCALE)))
+    # As many pixels as training will want of them.
+    size = round(PATCH_PER_INPUT * input_size)
+    for scene, views in tqdm(scenes.items(), desc=config.name, unit="scene"):
+        pack_scene(views, config.obj_id, size, out / scene)
     if config.models:
         shutil.copytree(data / config.models, out / config.models)
     if config.backgrounds:
-        pack_backgrounds(data / config.backgrounds, size, out / config.backgrounds)
+        pack_backgrounds(data / config.backgrounds, input_size, out / config.backgrounds)
     return sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
 
 
-def pack_scene(views: list[View], obj_id: int, size: int, out: Path) -> None:
+def places(config: KeypointConfig, data: Path) -> Iterator[tuple[View, Square]]:
+    """Where the object is: by its keypoints, or by the box where they are not known."""
+    views = Views(config, data)
+    for index, view in enumerate(views.all):
+        placed = index in views.registration.placed
+        yield view, Square.about(views.targets([index])[0, 0]) if placed else Square.around(view.box, UNPLACED_SCALE)
+    if config.validation:
+        for view in read_views(data / config.validation, config.obj_id, config.min_visible):
+            yield view, Square.around(view.box, UNPLACED_SCALE)
+
+
+def pack_scene(views: list[tuple[View, Square]], obj_id: int, size: int, out: Path) -> None:
     for sub in ("rgb", "mask_visib"):
         (out / sub).mkdir(parents=True)
     files = {"camera": {}, "gt": {}, "gt_info": {}}
-    for number, view in enumerate(views):
-        square = Square.around(view.box, PATCH_SCALE)
+    for number, (view, square) in enumerate(views):
         write_jpeg(out / f"rgb/{number:06d}.jpg", square.cut(read_rgb(view.image_path), size))
         mask = read_mask(view)
         if mask is not None:

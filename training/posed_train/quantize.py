@@ -44,9 +44,10 @@ def quantize(config: KeypointConfig, data: Path, model: Path, out: Path) -> dict
         raise DatasetError(f"{model}: not trained with these settings on this data: the keypoints lie elsewhere")
     out.mkdir(parents=True)
     before, after = model / "keypoints.onnx", out / "keypoints.onnx"
-    nets = {"float": predictor(before)}
+    zooms = "zoom" in manifest
+    nets = {"float": predictor(before, zooms)}
     quantize_network(before, after, Crops(calibration_views(views), nets["float"].size))
-    nets["int8"] = predictor(after)
+    nets["int8"] = predictor(after, zooms)
     write_parity(lambda crops: nets["int8"].run(crops)[0], after, [views.all[i] for i in views.held_out])
     manifest["model_sha256"] = sha256(after)
     held_out = [views.all[index] for index in views.held_out]

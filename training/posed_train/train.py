@@ -25,7 +25,7 @@ FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
 
 
-def predictor(model: KeypointNet) -> Predictor:
+def predictor(model: KeypointNet, zooms: bool) -> Predictor:
     decode = Decode(model.input_size // model.stride, model.stride).to(DEVICE)
 
     @torch.no_grad()
@@ -34,7 +34,7 @@ def predictor(model: KeypointNet) -> Predictor:
         images = torch.from_numpy(crops.copy()).to(DEVICE).permute(0, 3, 1, 2).float() / 255
         return tuple(output.cpu().numpy() for output in decode(model(images)))
 
-    return Predictor(model.input_size, predict)
+    return Predictor(model.input_size, predict, zooms)
 
 
 def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
@@ -138,7 +138,7 @@ def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:
     """The keypoints on held-out views, `sheet.png`."""
     if views.held_out:
         held_out = [views.all[index] for index in views.held_out]
-        draw_sheet(predictor(model), held_out, views.targets(views.held_out), out / "sheet.png")
+        draw_sheet(predictor(model, views.zooms), held_out, views.targets(views.held_out), out / "sheet.png")
 
 
 def load(source: Data | Pairs, data: Data, config: KeypointConfig, first: int, workers: int):
@@ -158,7 +158,7 @@ def join_components(views: Views, model: KeypointNet) -> int:
     waiting = [index for index in range(len(views.all)) if index not in views.registration.placed]
     if not waiting:
         return 0
-    predictions = predict_views(predictor(model), [views.all[index] for index in waiting])
+    predictions = predict_views(predictor(model, views.zooms), [views.all[index] for index in waiting])
     poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
     return join(views.registration, dict(zip(waiting, poses)))
 
@@ -183,7 +183,7 @@ class Validator:
             self.model = metrics.load_model(models / f"obj_{config.obj_id:06d}.ply", info)
 
     def __call__(self, model: KeypointNet) -> dict[str, float]:
-        return self.score(predictor(model)) if self.views else {}
+        return self.score(predictor(model, self.anchored)) if self.views else {}
 
     def score(self, net: Predictor) -> dict[str, float]:
         predictions = predict_views(net, self.views)

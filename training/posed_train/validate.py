@@ -8,17 +8,18 @@ import numpy as np
 
 from . import metrics
 from .bop import View, read_rgb
-from .crops import cut_crops
+from .crops import Square, crops_around, look_closer
 from .registration import project
 
 
 @dataclass(frozen=True)
 class Predictor:
     """A net, wherever it runs. `run` takes crops `[B, S, S, 3]` uint8 and gives keypoints `[B, N, 2]`, covariances
-    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`."""
+    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`. `zooms`: it was trained to look twice."""
 
     size: int
     run: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    zooms: bool
 
 
 CROP_ENSEMBLE = (0.95, 1.0, 1.05)
@@ -42,14 +43,19 @@ def predict_views(
     """The mean over each view's crops, as the service takes it."""
     predictions = []
     for view in views:
-        crops, squares = cut_crops(view, read_rgb(view.image_path), predictor.size, ensemble)
-        keypoints, covariances, peaks = predictor.run(crops)
-        scale = np.array([square.side / predictor.size for square in squares])[:, None, None]
-        origin = np.array([[square.left, square.top] for square in squares])[:, None]
-        in_image = (keypoints + 0.5) * scale - 0.5 + origin
-        in_image_covariances = covariances * scale[..., None] ** 2
-        predictions.append(Prediction(view, in_image.mean(0), in_image_covariances.mean(0), peaks.mean(0)))
+        image, box = read_rgb(view.image_path), Square.around(view.box, 1.0)
+        prediction = look(predictor, view, image, box, (1.0,) if predictor.zooms else ensemble)
+        closer = look_closer(prediction.keypoints, box) if predictor.zooms else None
+        predictions.append(look(predictor, view, image, closer, ensemble) if closer else prediction)
     return predictions
+
+
+def look(predictor: Predictor, view: View, image: np.ndarray, box: Square, ensemble: tuple[float, ...]) -> Prediction:
+    crops, squares = crops_around(box, image, predictor.size, ensemble)
+    keypoints, covariances, peaks = predictor.run(crops)
+    in_image = [square.to_image(found, predictor.size) for square, found in zip(squares, keypoints)]
+    scale = np.array([square.side / predictor.size for square in squares])[:, None, None, None]
+    return Prediction(view, np.mean(in_image, axis=0), (covariances * scale**2).mean(0), peaks.mean(0))
 
 
 def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | None:

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from posed_train.crops import Square
+from posed_train.crops import ZOOM, Square, look_closer
 
 PARITY = Path(__file__).parents[2] / "tests" / "data" / "crop_parity"
 
@@ -29,3 +29,25 @@ def test_parity_fixture_is_what_this_code_makes():
     for name, box in (("shrunk", (20.5, 11.25, 150.0, 97.0)), ("grown_beyond_the_border", (150.0, 80.5, 60.0, 44.0))):
         expected = np.asarray(Image.open(PARITY / f"{name}.png"))
         np.testing.assert_array_equal(Square.around(box, 1.5).cut(image, 64 if name == "shrunk" else 160), expected)
+
+
+def test_the_second_box_follows_the_keypoints():
+    """Whatever the first box was; where they are no object's, there is none."""
+    keypoints = np.array([[100.0, 80], [140, 80], [140, 120], [100, 120]])
+    boxes = [Square.around(box, 1.0) for box in ((90, 70, 60, 60), (95, 75, 30, 40), (60, 60, 110, 90))]
+    for box in boxes:
+        closer = look_closer(keypoints, box)
+        np.testing.assert_allclose(closer.centre, [120, 100])
+        assert np.isclose(closer.side, ZOOM * np.sqrt(2) * 20)
+    for nonsense in (keypoints[:1].repeat(4, 0), 9 * keypoints, keypoints + 200):
+        assert look_closer(nonsense, boxes[0]) is None
+
+
+def test_squares_keep_their_place():
+    square, whole = Square(20.5, 31.0, 60.0), Square(-10.0, 4.0, 150.0)
+    np.testing.assert_allclose(square.scaled(1.7).centre, square.centre)
+    at = np.array([[33.0, 50.0], [70.2, 41.7]])
+    np.testing.assert_allclose(square.to_image(square.to_crop(at, 128), 128), at)
+    # Cut from a cut, pixels lie where they lie when cut at once.
+    within = square.within(whole, 300)
+    np.testing.assert_allclose(within.to_crop(whole.to_crop(at, 300), 128), square.to_crop(at, 128))

@@ -33,6 +33,12 @@ pub struct KeypointManifest {
     /// from one crop to the next. One crop by default.
     #[serde(default = "one_crop")]
     pub crop_ensemble: Vec<f64>,
+    /// If given, a first crop is cut around the detection box, and the ensemble's around the keypoints found there: the
+    /// side of their box over the root mean square distance of the keypoints from their centre. A network that was
+    /// trained with such crops need not know the many ways in which detection boxes err, or shrink where the object is
+    /// half hidden.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zoom: Option<f64>,
     pub input: KeypointInput,
     pub output: KeypointOutput,
     /// One factor for each keypoint: the network's covariance times this is the true one on held-out images.
@@ -130,6 +136,9 @@ impl KeypointManifest {
         let factors = &self.crop_ensemble;
         if !(1..=8).contains(&factors.len()) || !factors.iter().all(|factor| (0.5..=2.0).contains(factor)) {
             return Err(("crop_ensemble", format!("is {factors:?}; give 1 to 8 factors between 0.5 and 2")));
+        }
+        if let Some(zoom) = self.zoom.filter(|zoom| !(1.0..=10.0).contains(zoom)) {
+            return Err(("zoom", format!("is {zoom}; it must lie between 1 and 10")));
         }
         if !(16..=1024).contains(&self.input.size) {
             return Err(("input.size", format!("is {}; it must lie between 16 and 1024", self.input.size)));
