@@ -21,13 +21,17 @@ impl BareLoop {
         let networks = Networks::load(&library, &Runtime::load(Provider::Cpu, threads).unwrap()).unwrap();
         let input = &library.detector.manifest.input;
         let shape = [1, input.height as usize, input.width as usize, 3];
-        let keypoints = boxes.iter().map(|(name, count)| {
+        let keypoints = boxes.iter().flat_map(|(name, count)| {
             let of_name = |object: &posed::model::ObjectModel| object.manifest.name == *name;
             let index = library.objects.iter().position(|object| object.as_ref().is_some_and(of_name)).unwrap();
             let manifest = &library.objects[index].as_ref().unwrap().manifest;
             let side = manifest.input.size as usize;
-            let shape = [count * manifest.crop_ensemble.len(), side, side, 3];
-            (index, shape, vec![114; shape.iter().product()])
+            let first_look = manifest.zoom.map(|_| 1);
+            let looks = first_look.into_iter().chain([manifest.crop_ensemble.len()]);
+            looks.map(move |crops| {
+                let shape = [count * crops, side, side, 3];
+                (index, shape, vec![114; shape.iter().product()])
+            })
         });
         Self { keypoints: keypoints.collect(), detector: (shape, vec![114; shape.iter().product()]), networks }
     }
