@@ -20,55 +20,69 @@ const MAX_BATCH: usize = 16;
 /// A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong.
 const ZOOMED_PER_BOX: RangeInclusive<f64> = 0.5..=2.5;
 
-/// The crops of one box, for one object's network.
-pub(super) struct Crops(Vec<Resampled>);
+/// A box of an image and the crops cut around it, for one object's network.
+pub(super) struct Crops<'a> {
+    image: &'a RgbImage,
+    region: BoundingBox,
+    resampled: Vec<Resampled>,
+}
 
 /// Cuts the crops of one box for a first look: those of the ensemble, or one if there will be a second look.
-pub(super) fn cut(
+pub(super) fn cut<'a>(
     manifest: &KeypointManifest,
     resizer: &mut Resizer,
-    image: &RgbImage,
-    region: &BoundingBox,
-) -> Result<Crops, ResampleError> {
+    image: &'a RgbImage,
+    region: BoundingBox,
+) -> Result<Crops<'a>, ResampleError> {
     let factors = if manifest.zoom.is_some() { &[1.0] } else { manifest.crop_ensemble.as_slice() };
     cut_all(manifest, resizer, image, region, factors)
 }
 
-fn cut_all(
+fn cut_all<'a>(
     manifest: &KeypointManifest,
     resizer: &mut Resizer,
-    image: &RgbImage,
-    region: &BoundingBox,
+    image: &'a RgbImage,
+    region: BoundingBox,
     factors: &[f64],
-) -> Result<Crops, ResampleError> {
+) -> Result<Crops<'a>, ResampleError> {
     let scales = factors.iter().map(|factor| factor * manifest.crop_scale);
-    scales
-        .map(|scale| crop_square(resizer, image, region, scale, manifest.input.size))
-        .collect::<Result<_, _>>()
-        .map(Crops)
+    let resampled = scales
+        .map(|scale| crop_square(resizer, image, &region, scale, manifest.input.size))
+        .collect::<Result<_, _>>()?;
+    Ok(Crops { image, region, resampled })
 }
 
-/// The keypoints within many boxes of images, in a few runs of the network: `crops` are their first look, [`cut`].
+/// Runs a network on as many crops as a box gets at most.
+pub(super) fn warm_up(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: BoundingBox,
+) -> Result<(), EstimateError> {
+    let crops = cut_all(manifest, resizer, image, region, &manifest.crop_ensemble)?;
+    predict(manifest, network, &[crops])?;
+    Ok(())
+}
+
+/// The keypoints within many boxes, in a few runs of the network: `crops` are their first look, [`cut`].
 pub(super) fn locate(
     manifest: &KeypointManifest,
     network: &mut dyn Network,
     resizer: &mut Resizer,
-    boxes: &[(&RgbImage, BoundingBox)],
-    crops: &[Crops],
+    crops: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, EstimateError> {
     let mut found = predict(manifest, network, crops)?;
     let Some(zoom) = manifest.zoom else { return Ok(found) };
-    let closer = |(at, prediction): (usize, &KeypointPrediction)| {
-        let (image, region) = &boxes[at];
-        Some((at, *image, zoomed(prediction, region, zoom)?))
-    };
-    let closer: Vec<_> = found.iter().enumerate().filter_map(closer).collect();
-    let cut = |(_, image, region): &(usize, &RgbImage, BoundingBox)| {
-        cut_all(manifest, resizer, image, region, &manifest.crop_ensemble)
-    };
-    let crops = closer.iter().map(cut).collect::<Result<Vec<_>, _>>()?;
-    for ((at, ..), prediction) in closer.iter().zip(predict(manifest, network, &crops)?) {
-        found[*at] = prediction;
+    let (mut which, mut closer) = (Vec::new(), Vec::new());
+    for (at, (first, prediction)) in crops.iter().zip(&found).enumerate() {
+        if let Some(region) = zoomed(prediction, &first.region, zoom) {
+            which.push(at);
+            closer.push(cut_all(manifest, resizer, first.image, region, &manifest.crop_ensemble)?);
+        }
+    }
+    for (at, prediction) in which.into_iter().zip(predict(manifest, network, &closer)?) {
+        found[at] = prediction;
     }
     Ok(found)
 }
@@ -93,9 +107,9 @@ fn zoomed(prediction: &KeypointPrediction, region: &BoundingBox, zoom: f64) -> O
 fn predict(
     manifest: &KeypointManifest,
     network: &mut dyn Network,
-    boxes: &[Crops],
+    boxes: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, RuntimeError> {
-    let crops: Vec<&Resampled> = boxes.iter().flat_map(|Crops(crops)| crops).collect();
+    let crops: Vec<&Resampled> = boxes.iter().flat_map(|of_box| &of_box.resampled).collect();
     let mut of_crops = Vec::with_capacity(crops.len());
     for batch in crops.chunks(MAX_BATCH) {
         let rgb = batch.iter().map(|crop| crop.rgb.as_slice()).collect::<Vec<_>>().concat();
@@ -106,8 +120,8 @@ fn predict(
         }));
     }
     let mut rest = of_crops.as_slice();
-    let next = |Crops(crops): &Crops| {
-        let (of_box, others) = rest.split_at(crops.len());
+    let next = |crops: &Crops<'_>| {
+        let (of_box, others) = rest.split_at(crops.resampled.len());
         rest = others;
         average(of_box)
     };
@@ -243,8 +257,8 @@ pub(super) fn solve_within(
     camera: &Camera,
 ) -> Result<Result<Solution, PnpError>, EstimateError> {
     let camera = camera.for_image(image.width(), image.height())?;
-    let crops = cut(manifest, resizer, image, region)?;
-    let predictions = locate(manifest, network, resizer, &[(image, *region)], &[crops])?;
+    let crops = cut(manifest, resizer, image, *region)?;
+    let predictions = locate(manifest, network, resizer, &[crops])?;
     Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
 }
 

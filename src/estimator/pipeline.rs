@@ -131,9 +131,7 @@ impl Estimator {
         detect(&self.library.detector.manifest, self.networks.detector.as_mut(), &mut self.resizer, &image)?;
         for (model, network) in self.library.objects.iter().zip(&mut self.networks.keypoints) {
             if let (Some(model), Some(network)) = (model, network) {
-                let crops = keypoints::cut(&model.manifest, &mut self.resizer, &image, &region)?;
-                let boxes = [(&image, region)];
-                keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &boxes, &[crops])?;
+                keypoints::warm_up(&model.manifest, network.as_mut(), &mut self.resizer, &image, region)?;
             }
         }
         Ok(())
@@ -162,8 +160,7 @@ impl Estimator {
         let start = Instant::now();
         let (wanted, crops) = self.cut_crops(index, model, frames, progress);
         let Some(network) = self.networks.keypoints[index].as_mut().filter(|_| !wanted.is_empty()) else { return };
-        let boxes: Vec<_> = wanted.iter().map(|w| (frames[w.frame].image, w.detection.bounding_box)).collect();
-        let located = keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &boxes, &crops);
+        let located = keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &crops);
         let predictions = match located {
             Ok(predictions) => predictions,
             Err(error) => {
@@ -188,13 +185,13 @@ impl Estimator {
     }
 
     /// The crops of one object in all frames that show it and are still wanted.
-    fn cut_crops(
+    fn cut_crops<'a>(
         &mut self,
         index: usize,
         model: &ObjectModel,
-        frames: &[Frame<'_>],
+        frames: &[Frame<'a>],
         progress: &mut [Result<Progress, EstimateError>],
-    ) -> (Vec<Wanted>, Vec<Crops>) {
+    ) -> (Vec<Wanted>, Vec<Crops<'a>>) {
         let (mut wanted, mut crops) = (Vec::new(), Vec::new());
         for (frame_index, (frame, progress)) in frames.iter().zip(progress).enumerate() {
             let Ok(of_frame) = progress else { continue };
@@ -204,7 +201,7 @@ impl Estimator {
             }
             let cut = (frame.wanted)().map_err(EstimateError::from).and_then(|()| {
                 let mut cut =
-                    |d: &Detection| keypoints::cut(&model.manifest, &mut self.resizer, frame.image, &d.bounding_box);
+                    |d: &Detection| keypoints::cut(&model.manifest, &mut self.resizer, frame.image, d.bounding_box);
                 Ok(found.iter().map(&mut cut).collect::<Result<Vec<_>, _>>()?)
             });
             match cut {

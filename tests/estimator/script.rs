@@ -20,7 +20,8 @@ pub const WIDTH: u32 = 320;
 pub const HEIGHT: u32 = 256;
 /// x, y, width, height of the box that the detector sees.
 pub const BOX: [f64; 4] = [100.0, 60.0, 90.0, 110.0];
-const SCALE: f64 = 1.5;
+/// Side of a crop over that of its box.
+pub const SCALE: f64 = 1.5;
 const SIDE_M: f64 = 0.06;
 
 type Answer = dyn Fn(Input<'_>) -> Result<Vec<Output>, RuntimeError> + Send + Sync;
@@ -195,8 +196,13 @@ pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
 #[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
 pub fn keypoints(batch: usize) -> Vec<Output> {
     let pixels = keypoints_in_crop().as_flattened().iter().map(|v| *v as f32).collect::<Vec<_>>();
+    sure_of(batch, pixels.repeat(batch))
+}
+
+/// The outputs of a keypoint net that is sure of these pixels: u and v of 8 keypoints for each of `batch` crops.
+pub fn sure_of(batch: usize, pixels: Vec<f32>) -> Vec<Output> {
     vec![
-        output("keypoints", &[batch, 8, 2], pixels.repeat(batch)),
+        output("keypoints", &[batch, 8, 2], pixels),
         output("covariances", &[batch, 8, 2, 2], [0.1, 0.0, 0.0, 0.1].repeat(8 * batch)),
         output("peaks", &[batch, 8], vec![0.9; 8 * batch]),
     ]

@@ -5,14 +5,15 @@ use std::sync::{Arc, Mutex};
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
 use posed::estimator::Estimate;
-use posed::model::{Input, Output};
+use posed::model::Input;
 use posed::pnp::Status;
 use serde_json::json;
 
-use crate::script::{BOX, CROP, HEIGHT, Manifests, Models, Script, WIDTH, camera, corner_pixels, output, truth};
+use crate::script::{
+    BOX, CROP, HEIGHT, Manifests, Models, SCALE, Script, WIDTH, camera, corner_pixels, sure_of, truth,
+};
 
 const ZOOM: f64 = 2.75;
-const SCALE: f64 = 1.5;
 
 /// Where a crop lies in the image: left and top edge and side, pixels.
 #[derive(Clone, Copy, Debug)]
@@ -61,17 +62,9 @@ fn seeing(places: &Places) -> Script {
         };
         let pixels = crops.iter().flat_map(in_crop).flat_map(|uv| [uv.x as f32, uv.y as f32]).collect();
         places.lock().unwrap().push(crops);
-        Ok(answer(shape[0], pixels))
+        Ok(sure_of(shape[0], pixels))
     });
     Script { keypoints, ..Script::default() }
-}
-
-fn answer(batch: usize, pixels: Vec<f32>) -> Vec<Output> {
-    vec![
-        output("keypoints", &[batch, 8, 2], pixels),
-        output("covariances", &[batch, 8, 2, 2], [0.1, 0.0, 0.0, 0.1].repeat(8 * batch)),
-        output("peaks", &[batch, 8], vec![0.9; 8 * batch]),
-    ]
 }
 
 fn estimate(zoom: bool, script: Script) -> Estimate {
@@ -123,7 +116,7 @@ fn nonsense_is_answered_without_a_second_look() {
         let counted = Arc::clone(&runs);
         let keypoints = Arc::new(move |_: Input<'_>| {
             *counted.lock().unwrap() += 1;
-            Ok(answer(1, pixels.clone()))
+            Ok(sure_of(1, pixels.clone()))
         });
         let answer = estimate(true, Script { keypoints, ..Script::default() });
         assert_eq!(answer.poses.len(), 1);

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 METRES_PER_MILLIMETRE = 1e-3
+JPEG_QUALITY = 92
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,23 @@ def read_mask(view: View) -> np.ndarray | None:
     return None if view.mask_path is None else cv2.imread(str(view.mask_path), cv2.IMREAD_GRAYSCALE)
 
 
+def write_rgb(path: Path, image: np.ndarray) -> None:
+    write_image(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    write_image(path, mask, [])
+
+
 def write_image(path: Path, image: np.ndarray, options: list[int]) -> None:
-    """`image` as OpenCV has it: BGR, or grey."""
     if not cv2.imwrite(str(path), image, options):
         raise OSError(f"{path}: cannot write the image; is the disk full?")
+
+
+def write_annotations(scene: Path, cameras: dict, poses: dict, infos: dict) -> None:
+    """`scene_gt_info.json` last: a scene without it is unfinished."""
+    for name, content in (("camera", cameras), ("gt", poses), ("gt_info", infos)):
+        (scene / f"scene_{name}.json").write_text(json.dumps(content))
 
 
 def symmetry_motions(declared: list[list[float]]) -> np.ndarray:

@@ -34,7 +34,9 @@ class Views:
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
-        self.zooms = config.loss == "component"  # where the keypoints are must be known
+        # The net's keypoints are where they were placed: it can be taught to look at them. The pairwise losses leave
+        # their frame to the net.
+        self.anchored = config.loss == "component"
         self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
 

@@ -237,7 +237,7 @@ def export_keypoints(
     held_out = [views.all[index] for index in views.held_out]
     with torch.no_grad():
         write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, held_out)
-    scale = covariance_scale(predictor(path, views.zooms), held_out, views.targets(views.held_out))
+    scale = covariance_scale(predictor(path, views.anchored), held_out, views.targets(views.held_out))
     manifest = {
         **identity,
         "model_sha256": sha256(path),
@@ -246,7 +246,7 @@ def export_keypoints(
         **({"symmetries_discrete": symmetries_discrete} if symmetries_discrete else {}),
         "crop_scale": CROP_SCALE,
         "crop_ensemble": list(CROP_ENSEMBLE),
-        **({"zoom": ZOOM} if views.zooms else {}),
+        **({"zoom": ZOOM} if views.anchored else {}),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},
         "output": {"kind": "keypoints"},
         "covariance_scale": scale.round(4).tolist(),

@@ -4,23 +4,20 @@ Every view becomes an image of its patch alone. Cutting and scaling an image is 
 packed folder is a dataset like any other, with the same relative poses, and `train.toml` needs no change.
 """
 
-import json
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from tqdm import tqdm
 
-from .bop import View, pose_entry, read_mask, read_rgb, read_views, write_image
+from .bop import View, pose_entry, read_mask, read_rgb, read_views, write_annotations, write_mask, write_rgb
 from .config import KeypointConfig
 from .crops import PATCH_PER_INPUT, PATCH_SCALE, Square
 from .data import Views, read_backgrounds
 from .network import design
 
-JPEG_QUALITY = 92
 UNPLACED_SCALE = 1.5
 """More room where the box is all that is known: it is of the visible part."""
 
@@ -58,31 +55,26 @@ def places(config: KeypointConfig, data: Path) -> Iterator[tuple[View, Square]]:
 def pack_scene(views: list[tuple[View, Square]], obj_id: int, size: int, out: Path) -> None:
     for sub in ("rgb", "mask_visib"):
         (out / sub).mkdir(parents=True)
-    files = {"camera": {}, "gt": {}, "gt_info": {}}
+    cameras, poses, infos = {}, {}, {}
     for number, (view, square) in enumerate(views):
-        write_jpeg(out / f"rgb/{number:06d}.jpg", square.cut(read_rgb(view.image_path), size))
+        write_rgb(out / f"rgb/{number:06d}.jpg", square.cut(read_rgb(view.image_path), size))
         mask = read_mask(view)
         if mask is not None:
-            write_image(out / f"mask_visib/{number:06d}_000000.png", square.cut(mask, size), [])
+            write_mask(out / f"mask_visib/{number:06d}_000000.png", square.cut(mask, size))
         key, crop_from_image = str(number), square.crop_from_image(size)
-        files["camera"][key] = {"cam_K": (crop_from_image @ view.camera_matrix).flatten().tolist()}
+        cameras[key] = {"cam_K": (crop_from_image @ view.camera_matrix).flatten().tolist()}
         if view.camera_from_world is not None:
-            files["camera"][key] |= pose_entry(view.camera_from_world, "w2c")
-        files["gt"][key] = [{"obj_id": obj_id}]
+            cameras[key] |= pose_entry(view.camera_from_world, "w2c")
+        poses[key] = [{"obj_id": obj_id}]
         if view.camera_from_object is not None:
-            files["gt"][key][0] |= pose_entry(view.camera_from_object, "m2c")
+            poses[key][0] |= pose_entry(view.camera_from_object, "m2c")
         x, y, w, h = view.box
         box = (np.array([x - square.left, y - square.top, w, h]) * size / square.side).tolist()
-        files["gt_info"][key] = [{"bbox_visib": box, "visib_fract": view.visible_fraction}]
-    for name, content in files.items():
-        (out / f"scene_{name}.json").write_text(json.dumps(content))
+        infos[key] = [{"bbox_visib": box, "visib_fract": view.visible_fraction}]
+    write_annotations(out, cameras, poses, infos)
 
 
 def pack_backgrounds(folder: Path, least_px: int, out: Path) -> None:
     out.mkdir(parents=True)
     for number, image in enumerate(read_backgrounds(folder, least_px)):
-        write_jpeg(out / f"{number:06d}.jpg", image)
-
-
-def write_jpeg(path: Path, image: np.ndarray) -> None:
-    write_image(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        write_rgb(out / f"{number:06d}.jpg", image)

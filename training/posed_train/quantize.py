@@ -48,17 +48,13 @@ def quantize(config: KeypointConfig, data: Path, model: Path, out: Path) -> dict
     nets = {"float": predictor(before, zooms)}
     quantize_network(before, after, Crops(calibration_views(views), nets["float"].size))
     nets["int8"] = predictor(after, zooms)
-    write_parity(lambda crops: nets["int8"].run(crops)[0], after, [views.all[i] for i in views.held_out])
-    manifest["model_sha256"] = sha256(after)
     held_out = [views.all[index] for index in views.held_out]
-    manifest["covariance_scale"] = (
-        covariance_scale(nets["int8"], held_out, views.targets(views.held_out)).round(4).tolist()
-    )
+    write_parity(lambda crops: nets["int8"].run(crops)[0], after, held_out)
+    manifest["model_sha256"] = sha256(after)
+    scale = covariance_scale(nets["int8"], held_out, views.targets(views.held_out))
+    manifest["covariance_scale"] = scale.round(4).tolist()
     validator, milliseconds = Validator(config, data, views), time_nets(nets)
-    scores = {
-        name: {"ms_per_crop": milliseconds[name], **(validator.score(net) if validator.views else {})}
-        for name, net in nets.items()
-    }
+    scores = {name: {"ms_per_crop": milliseconds[name], **validator.score(net)} for name, net in nets.items()}
     manifest["training"]["int8"] = {key: round(value, 2) for key, value in scores["int8"].items()}
     write_manifest(out / "object.json", manifest)
     return scores

@@ -133,9 +133,8 @@ def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
     export.export_keypoints(trainer.model, views, tmp_path, {"name": "cube", "obj_id": 1}, {})
     assert json.loads((tmp_path / "object.json").read_text())["input"]["size"] == 192
-    assert export.predictor(tmp_path / "keypoints.onnx", zooms=False).run(np.zeros((1, 192, 192, 3), np.uint8))[
-        0
-    ].shape == (1, 5, 2)
+    exported = export.predictor(tmp_path / "keypoints.onnx", zooms=False)
+    assert exported.run(np.zeros((1, 192, 192, 3), np.uint8))[0].shape == (1, 5, 2)
 
 
 def test_batches_do_not_depend_on_the_workers(rendered):

@@ -1,6 +1,5 @@
 """Writes what an engine shows as a BOP-format folder: millimetres, OpenCV camera frame, pixel centre = integer."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -9,12 +8,11 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from ..bop import pose_entry, write_image
+from ..bop import pose_entry, write_annotations, write_mask, write_rgb
 from .layout import CAMERA_MATRIX, Camera, Layout, draw_layout
 from .objects import ObjectMesh, load_objects
 
 MIN_BOX_PX = 8
-JPEG_QUALITY = 92
 
 
 class Engine(Protocol):
@@ -56,21 +54,17 @@ def write_scene(engine: Engine, objects: list[ObjectMesh], layout: Layout, out: 
         (out / sub).mkdir(parents=True, exist_ok=True)
     cameras, poses, infos = {}, {}, {}
     for view, camera in enumerate(layout.cameras):
-        image = cv2.cvtColor(engine.colour(camera), cv2.COLOR_RGB2BGR)
-        write_image(out / f"rgb/{view:06d}.jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        write_rgb(out / f"rgb/{view:06d}.jpg", engine.colour(camera))
         visible, areas = engine.visible(camera), engine.full_areas(camera)
         poses[str(view)], infos[str(view)] = [], []
         for index, item in enumerate(objects):
             mask = (visible == index + 1).astype(np.uint8) * 255
-            write_image(out / f"mask_visib/{view:06d}_{index:06d}.png", mask, [])
+            write_mask(out / f"mask_visib/{view:06d}_{index:06d}.png", mask)
             pose = camera.camera_from_world @ layout.world_from_object[index]
             poses[str(view)].append({"obj_id": item.obj_id} | pose_entry(pose, "m2c"))
             infos[str(view)].append(info_entry(mask, areas[index]))
         cameras[str(view)] = {"cam_K": CAMERA_MATRIX.flatten().tolist()} | pose_entry(camera.camera_from_world, "w2c")
-    (out / "scene_camera.json").write_text(json.dumps(cameras))
-    (out / "scene_gt.json").write_text(json.dumps(poses))
-    # Written last: a scene without it is unfinished and made again.
-    (out / "scene_gt_info.json").write_text(json.dumps(infos))
+    write_annotations(out, cameras, poses, infos)
 
 
 def info_entry(mask: np.ndarray, full_area: int) -> dict:
