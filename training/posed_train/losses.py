@@ -17,38 +17,41 @@ def heatmap_loss(
     common scale.
 
     `logits` is `[B, N, S, S]`, `keypoints` `[B, symmetries, N, 2]` in crop pixels; of the places that a symmetric
-    object leaves open, the one that fits a crop best counts. Distance alone stays collapsed on the centre;
+    object leaves open, those nearest to the decoded keypoints count. Distance alone stays collapsed on the centre;
     cross-entropy leaves that plateau within a few hundred steps. Keypoints outside the crop have no target.
 
     The scale has a weight of its own since the depth of the pose hangs on it alone: it is one direction among the 2 N
     that a distance weighs alike.
     """
-    weights = distance_weight, scale_weight
-    if keypoints.shape[1] == 1:
-        total, inside = loss_by_crop(logits, keypoints[:, 0], input_size, *weights)
-    else:
-        alike = [loss_by_crop(logits, places, input_size, *weights) for places in keypoints.unbind(1)]
-        totals, insides = (torch.stack(values) for values in zip(*alike))
-        best = (totals / insides.clamp(min=1)).argmin(0, keepdim=True)
-        total, inside = totals.gather(0, best), insides.gather(0, best)
-    return total.sum() / inside.sum().clamp(min=1)
-
-
-def loss_by_crop(
-    logits: Tensor, keypoints: Tensor, input_size: int, distance_weight: float, scale_weight: float
-) -> tuple[Tensor, Tensor]:
-    """Sum of the losses of a crop's keypoints, and how many of them lie inside it; both `[B]`."""
     cells, stride = logits.shape[-1], input_size / logits.shape[-1]
-    centres = cell_centres(cells, stride).to(keypoints)
-    log_u, log_v = (-0.5 * ((centres - keypoints[..., i, None]) / TARGET_SIGMA_PX) ** 2 for i in (0, 1))
-    target = (log_v[..., :, None] + log_u[..., None, :]).flatten(2).softmax(-1)
     log_probability = logits.to(keypoints.dtype).flatten(2).log_softmax(-1)
-    entropy = -(target * log_probability).sum(-1)
     decoded, _ = window_mean(log_probability.exp(), cell_grid(cells, stride).to(keypoints))
+    keypoints, inside = nearest_alike(decoded.detach(), keypoints, input_size)
+    entropy = cross_entropy(log_probability.unflatten(2, (cells, cells)), keypoints, stride)
     distance = F.smooth_l1_loss(decoded, keypoints, reduction="none", beta=stride).sum(-1)
-    inside = ((keypoints > -0.5) & (keypoints < input_size - 0.5)).all(-1).float()
-    by_keypoint = ((entropy + distance_weight * distance) * inside).sum(-1)
-    return by_keypoint + scale_weight * scale_loss(decoded, keypoints, inside) * inside.sum(-1), inside.sum(-1)
+    count = inside.sum(-1)
+    by_crop = ((entropy + distance_weight * distance) * inside).sum(-1)
+    by_crop = by_crop + scale_weight * scale_loss(decoded, keypoints, inside) * count
+    return by_crop.sum() / count.sum().clamp(min=1)
+
+
+def nearest_alike(decoded: Tensor, keypoints: Tensor, input_size: int) -> tuple[Tensor, Tensor]:
+    """Of each crop's equivalent keypoints `[B, symmetries, N, 2]` those nearest to the decoded ones, `[B, N, 2]`, and
+    which of them lie inside the crop, `[B, N]` 0 or 1."""
+    inside = ((keypoints > -0.5) & (keypoints < input_size - 0.5)).all(-1).to(keypoints)
+    apart = (keypoints - decoded[:, None]).norm(dim=-1) * inside
+    best = (apart.sum(-1) / inside.sum(-1).clamp(min=1)).argmin(1)
+    crops = torch.arange(len(best), device=best.device)
+    return keypoints[crops, best], inside[crops, best]
+
+
+def cross_entropy(log_probability: Tensor, keypoints: Tensor, stride: float) -> Tensor:
+    """Against a Gaussian at each keypoint `[B, N, 2]`, which is the product of one in u and one in v; `[B, N]`."""
+    centres = cell_centres(log_probability.shape[-1], stride).to(keypoints)
+    across, down = (
+        (-0.5 * ((centres - keypoints[..., i, None]) / TARGET_SIGMA_PX) ** 2).softmax(-1)[..., None] for i in (0, 1)
+    )
+    return -((log_probability @ across).transpose(-1, -2) @ down)[..., 0, 0]
 
 
 def scale_loss(decoded: Tensor, keypoints: Tensor, inside: Tensor) -> Tensor:
