@@ -14,7 +14,7 @@ use posed::estimator::{
 use posed::geometry::{Camera, Covariance6, Pose};
 use posed::model::Provider;
 use posed::pnp::{Options, Verdict, solve};
-use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, crop_square, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, Square, crop_square, decode, letterbox};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
@@ -29,13 +29,16 @@ fn stages(criterion: &mut Criterion) {
     criterion.bench_function("letterbox for the detector", |b| {
         b.iter(|| letterbox(&mut resizer, black_box(&image), to));
     });
-    criterion.bench_function("cut four crops", |b| {
-        b.iter(|| {
-            for _ in 0..4 {
-                black_box(crop_square(&mut resizer, &image, &region, 1.5, 128)).ok();
-            }
+    let square = Square::around(&region).scaled(1.5);
+    for (name, square) in [("cut four crops", square), ("cut four turned crops", square.turned(0.5))] {
+        criterion.bench_function(name, |b| {
+            b.iter(|| {
+                for _ in 0..4 {
+                    black_box(crop_square(&mut resizer, &image, &square, 128)).ok();
+                }
+            });
         });
-    });
+    }
     let (points, pixels) = problem();
     let Ok(camera) = Camera::pinhole(600.0, 600.0, 319.5, 239.5) else { return };
     criterion.bench_function("solve four poses", |b| {

@@ -9,10 +9,11 @@ use nalgebra::{Matrix2, Vector2};
 use super::answer::{EstimateError, KeypointPrediction};
 use crate::geometry::{Affine, Camera};
 use crate::model::{
-    Backend, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs, RuntimeError,
+    Backend, CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs,
+    RuntimeError,
 };
 use crate::pnp::{self, PnpError, Solution};
-use crate::vision::{BoundingBox, ResampleError, Resampled, crop_square, find_peak, to_planes};
+use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_square, find_peak, to_planes};
 
 /// Crops that go through a network at once: more bring no speed, but memory.
 const MAX_BATCH: usize = 16;
@@ -20,10 +21,10 @@ const MAX_BATCH: usize = 16;
 /// A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong.
 const ZOOMED_PER_BOX: RangeInclusive<f64> = 0.5..=2.5;
 
-/// A box of an image and the crops cut around it, for one object's network.
+/// A place in an image and the crops cut around it, for one object's network.
 pub(super) struct Crops<'a> {
     image: &'a RgbImage,
-    region: BoundingBox,
+    place: Square,
     resampled: Vec<Resampled>,
 }
 
@@ -34,22 +35,22 @@ pub(super) fn cut<'a>(
     image: &'a RgbImage,
     region: BoundingBox,
 ) -> Result<Crops<'a>, ResampleError> {
-    let factors = if manifest.zoom.is_some() { &[1.0] } else { manifest.crop_ensemble.as_slice() };
-    cut_all(manifest, resizer, image, region, factors)
+    let variants = if manifest.zoom.is_some() { &[CropVariant::PLAIN] } else { manifest.crop_ensemble.as_slice() };
+    cut_all(manifest, resizer, image, Square::around(&region), variants)
 }
 
 fn cut_all<'a>(
     manifest: &KeypointManifest,
     resizer: &mut Resizer,
     image: &'a RgbImage,
-    region: BoundingBox,
-    factors: &[f64],
+    place: Square,
+    variants: &[CropVariant],
 ) -> Result<Crops<'a>, ResampleError> {
-    let scales = factors.iter().map(|factor| factor * manifest.crop_scale);
-    let resampled = scales
-        .map(|scale| crop_square(resizer, image, &region, scale, manifest.input.size))
-        .collect::<Result<_, _>>()?;
-    Ok(Crops { image, region, resampled })
+    let whole = place.scaled(manifest.crop_scale);
+    let squares = variants.iter().map(|variant| whole.scaled(variant.scale).turned(variant.turn_deg.to_radians()));
+    let resampled =
+        squares.map(|square| crop_square(resizer, image, &square, manifest.input.size)).collect::<Result<_, _>>()?;
+    Ok(Crops { image, place, resampled })
 }
 
 /// Runs a network on as many crops as a box gets at most.
@@ -60,7 +61,7 @@ pub(super) fn warm_up(
     image: &RgbImage,
     region: BoundingBox,
 ) -> Result<(), EstimateError> {
-    let crops = cut_all(manifest, resizer, image, region, &manifest.crop_ensemble)?;
+    let crops = cut_all(manifest, resizer, image, Square::around(&region), &manifest.crop_ensemble)?;
     predict(manifest, network, &[crops])?;
     Ok(())
 }
@@ -74,11 +75,12 @@ pub(super) fn locate(
 ) -> Result<Vec<KeypointPrediction>, EstimateError> {
     let mut found = predict(manifest, network, crops)?;
     let Some(zoom) = manifest.zoom else { return Ok(found) };
+    let heights: Vec<f64> = manifest.virtual_keypoints_m.iter().map(|[_, _, z]| *z).collect();
     let (mut which, mut closer) = (Vec::new(), Vec::new());
     for (at, (first, prediction)) in crops.iter().zip(&found).enumerate() {
-        if let Some(region) = zoomed(prediction, &first.region, zoom) {
+        if let Some(place) = zoomed(prediction, &heights, &first.place, zoom) {
             which.push(at);
-            closer.push(cut_all(manifest, resizer, first.image, region, &manifest.crop_ensemble)?);
+            closer.push(cut_all(manifest, resizer, first.image, place, &manifest.crop_ensemble)?);
         }
     }
     for (at, prediction) in which.into_iter().zip(predict(manifest, network, &closer)?) {
@@ -87,19 +89,19 @@ pub(super) fn locate(
     Ok(found)
 }
 
-/// Where to look again: about the keypoints' centre, as large as they are spread. `None` where that is no place for the
-/// object of this box.
-fn zoomed(prediction: &KeypointPrediction, region: &BoundingBox, zoom: f64) -> Option<BoundingBox> {
+/// Where to look again: about the keypoints' centre, as large as they are spread, and so that their z axis points up,
+/// `heights` being their z coordinates. `None` where that is no place for the object of this box.
+fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom: f64) -> Option<Square> {
     let share = (prediction.pixels.len() as f64).recip();
     let centre = prediction.pixels.iter().sum::<Vector2<f64>>() * share;
-    let square = prediction.pixels.iter().map(|pixel| (pixel - centre).norm_squared()).sum::<f64>() * share;
-    let side = zoom * square.sqrt();
-    let near = (centre - region.centre()).amax() <= region.extent();
-    (near && ZOOMED_PER_BOX.contains(&(side / region.extent()))).then(|| BoundingBox {
-        x: centre.x + 0.5 - side / 2.0,
-        y: centre.y + 0.5 - side / 2.0,
-        width: side,
-        height: side,
+    let arms = prediction.pixels.iter().map(|pixel| pixel - centre);
+    let side = zoom * (arms.clone().map(|arm| arm.norm_squared()).sum::<f64>() * share).sqrt();
+    let axis: Vector2<f64> = arms.zip(heights).map(|(arm, height)| arm * *height).sum();
+    let near = (centre - first.centre).amax() <= first.side;
+    (near && ZOOMED_PER_BOX.contains(&(side / first.side))).then(|| Square {
+        centre,
+        side,
+        turn: f64::atan2(-axis.x, -axis.y),
     })
 }
 

@@ -1,4 +1,4 @@
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Rotation2, Vector2};
 
 /// A 2D map `to = linear * from + offset` of pixel coordinates: what crops and letterboxes do to an image.
 ///
@@ -24,6 +24,13 @@ impl Affine {
         let scale = to.component_div(&size);
         let half = Vector2::repeat(0.5);
         Self { linear: Matrix2::from_diagonal(&scale), offset: (half - top_left).component_mul(&scale) - half }
+    }
+
+    /// The map that scales, turns by so many radians (from x to y), and takes `from` to `to`. The scale must not be 0.
+    #[must_use]
+    pub fn similarity(scale: f64, turn: f64, from: Vector2<f64>, to: Vector2<f64>) -> Self {
+        let linear = scale * Rotation2::new(turn).into_inner();
+        Self { linear, offset: to - linear * from }
     }
 
     /// Where a point is mapped to, pixels.

@@ -10,8 +10,8 @@ mod runtime;
 pub use library::{DetectorModel, Library, LoadError, ObjectModel};
 pub(crate) use manifest::read_json;
 pub use manifest::{
-    DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest, KeypointOutput,
-    Layout, ManifestError, Normalisation, Placement,
+    CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,
+    KeypointOutput, Layout, ManifestError, Normalisation, Placement,
 };
 pub use network::{Backend, Input, Network, Networks, Output, Outputs, RuntimeError};
 pub(crate) use reference::write_atomically;

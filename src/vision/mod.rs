@@ -1,13 +1,15 @@
 //! From encoded bytes to network inputs, and from answers to pictures. Knows neither models nor servers.
 
+mod crop;
 mod decode;
 mod heatmap;
 mod overlay;
 mod resample;
 mod tensor;
 
+pub use crop::{Square, crop_square};
 pub use decode::{DecodeError, DecodeOptions, Decoded, Exif, OrientationPolicy, decode};
 pub use heatmap::{Peak, find_peak};
 pub use overlay::{Mark, PoseMark, draw_marks, encode};
-pub use resample::{BoundingBox, Letterbox, ResampleError, Resampled, crop_square, letterbox};
+pub use resample::{BoundingBox, Letterbox, ResampleError, Resampled, letterbox};
 pub use tensor::to_planes;

@@ -4,6 +4,7 @@ use image::RgbImage;
 use nalgebra::Vector2;
 use thiserror::Error;
 
+use super::crop::Square;
 use crate::geometry::Affine;
 
 /// A box in image pixels; `x`, `y` is the top left pixel.
@@ -64,61 +65,12 @@ pub struct Resampled {
 /// A region that cannot be resampled.
 #[derive(Clone, Debug, Error)]
 pub enum ResampleError {
-    #[error("box {0:?} does not describe a region of the image")]
-    Region(BoundingBox),
+    #[error("{0:?} does not describe a region of the image")]
+    Region(Square),
     #[error("resampling failed: {0}")]
     Resize(#[from] fast_image_resize::ResizeError),
     #[error("resampling failed: {0}")]
     Buffer(#[from] fast_image_resize::ImageBufferError),
-}
-
-/// Largest crop, in image pixels: a box may reach beyond the image, but its padding must stay bounded.
-const MAX_CROP_PX: f64 = 32_768.0;
-
-/// The square of side `scale * max(w, h)` about a box's centre, resized to `size` x `size` pixels: bilinear,
-/// antialiased when shrinking. What lies outside the image is black. The trainer cuts crops in the same way.
-///
-/// # Errors
-/// When the box is empty, not finite, or far larger than an image.
-pub fn crop_square(
-    resizer: &mut Resizer,
-    image: &RgbImage,
-    region: &BoundingBox,
-    scale: f64,
-    size: u32,
-) -> Result<Resampled, ResampleError> {
-    let side = scale * region.extent();
-    let centre = region.centre();
-    let bounded = |value: f64| value.abs() <= MAX_CROP_PX; // false for NaN
-    if !(side >= 1.0 && bounded(side) && centre.iter().copied().all(bounded)) {
-        return Err(ResampleError::Region(*region));
-    }
-    // Edge coordinates: the image spans 0 to its width, so edge = pixel centre + 0.5.
-    let top_left = centre.add_scalar(0.5 - side / 2.0);
-    let first = top_left.map(f64::floor);
-    let last = top_left.add_scalar(side).map(f64::ceil);
-    let image_size = Vector2::new(f64::from(image.width()), f64::from(image.height()));
-    let inside = first.min() >= 0.0 && (image_size - last).min() >= 0.0;
-    let padded;
-    let (canvas, origin) = if inside {
-        (image, Vector2::zeros())
-    } else {
-        padded = cut_padded(image, first, last);
-        (&padded, first)
-    };
-    let offset = top_left - origin;
-    let available = last - top_left;
-    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear)).crop(
-        offset.x,
-        offset.y,
-        side.min(available.x),
-        side.min(available.y),
-    );
-    let source = ImageRef::new(canvas.width(), canvas.height(), canvas.as_raw(), PixelType::U8x3)?;
-    let mut target = Image::new(size, size, PixelType::U8x3);
-    resizer.resize(&source, &mut target, &options)?;
-    let crop_from_image = Affine::region_to_image(top_left, Vector2::repeat(side), Vector2::repeat(f64::from(size)));
-    Ok(Resampled { rgb: target.into_vec(), crop_from_image })
 }
 
 /// How a whole image becomes a network's input.
@@ -162,16 +114,6 @@ pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Resu
     Ok(Resampled { rgb, crop_from_image })
 }
 
-/// The pixels between two corners (edge coordinates, whole numbers), black outside the image.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by MAX_CROP_PX")]
-fn cut_padded(image: &RgbImage, first: Vector2<f64>, last: Vector2<f64>) -> RgbImage {
-    let (left, top) = (first.x as i64, first.y as i64);
-    let size = (last - first).map(|side| side.max(1.0) as u32);
-    let mut canvas = RgbImage::new(size.x, size.y);
-    image::imageops::replace(&mut canvas, image, -left, -top);
-    canvas
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "small test images; exact values")]
@@ -190,61 +132,11 @@ mod tests {
     }
 
     #[test]
-    fn crop_pixels_lie_where_the_affine_says() {
-        let image = map(200, 150);
-        let region = BoundingBox { x: 60.3, y: 40.8, width: 50.0, height: 30.0 };
-        let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, 128).unwrap();
-        let image_from_crop = crop.crop_from_image.inverse();
-        for (x, y) in [(10, 20), (64, 64), (100, 90)] {
-            let at = image_from_crop.apply(&Vector2::new(f64::from(x), f64::from(y)));
-            let [red, green, blue] = pixel(&crop, 128, x, y);
-            assert!((f64::from(red) - at.x).abs() < 1.0, "{red} {at}");
-            assert!((f64::from(green) - at.y).abs() < 1.0, "{green} {at}");
-            assert_eq!(blue, 77);
-        }
-    }
-
-    /// The trainer (`training/posed_train/crops.py`) made these files and is tested against them, too.
-    #[test]
-    fn crops_are_the_trainers() {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/crop_parity");
-        let open = |name: &str| image::open(folder.join(name)).unwrap().into_rgb8();
-        let image = open("image.png");
-        for (name, size, [x, y, width, height]) in [
-            ("shrunk.png", 64, [20.5, 11.25, 150.0, 97.0]),
-            ("grown_beyond_the_border.png", 160, [150.0, 80.5, 60.0, 44.0]),
-        ] {
-            let region = BoundingBox { x, y, width, height };
-            let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, size).unwrap();
-            let worst = crop.rgb.iter().zip(open(name).as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
-            assert!(worst <= Some(1), "{name}: differs by {worst:?}");
-        }
-    }
-
-    #[test]
-    fn a_crop_beyond_the_image_is_black_there() {
-        let image = map(100, 100);
-        let region = BoundingBox { x: -20.0, y: 40.0, width: 40.0, height: 40.0 };
-        let crop = crop_square(&mut Resizer::new(), &image, &region, 1.5, 64).unwrap();
-        assert_eq!(pixel(&crop, 64, 2, 32), [0, 0, 0]);
-        assert_eq!(pixel(&crop, 64, 62, 32)[2], 77);
-    }
-
-    #[test]
     fn overlap_is_intersection_over_union() {
         let at = |x: f64| BoundingBox { x, y: 0.0, width: 10.0, height: 4.0 };
         assert_eq!(at(0.0).overlap(&at(0.0)), 1.0);
         assert!((at(0.0).overlap(&at(5.0)) - 20.0 / 60.0).abs() < 1e-12);
         assert_eq!(at(0.0).overlap(&at(30.0)), 0.0);
-    }
-
-    #[test]
-    fn boxes_that_are_no_region_are_refused() {
-        let image = map(50, 50);
-        for (x, width) in [(0.0, 0.0), (f64::NAN, 10.0), (0.0, f64::INFINITY), (1e9, 10.0), (0.0, 1e9)] {
-            let region = BoundingBox { x, y: 0.0, width, height: width };
-            assert!(crop_square(&mut Resizer::new(), &image, &region, 1.5, 64).is_err(), "{region:?}");
-        }
     }
 
     #[test]

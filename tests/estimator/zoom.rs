@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use image::{Rgb, RgbImage};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::Estimate;
 use posed::model::Input;
 use posed::pnp::Status;
@@ -14,12 +14,28 @@ use crate::script::{
 };
 
 const ZOOM: f64 = 2.75;
+/// Scale and turn in degrees of the crops.
+const ENSEMBLE: [(f64, f64); 3] = [(0.9, -10.0), (1.0, 0.0), (1.1, 20.0)];
 
-/// Where a crop lies in the image: left and top edge and side, pixels.
+/// Where a crop lies in the image: the map `image_from_crop` of pixels.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    edge: Vector2<f64>,
-    side: f64,
+    linear: Matrix2<f64>,
+    offset: Vector2<f64>,
+}
+
+impl Place {
+    fn in_crop(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        self.linear.try_inverse().unwrap() * (pixel - self.offset)
+    }
+
+    fn centre(&self) -> Vector2<f64> {
+        self.linear * Vector2::repeat((f64::from(CROP) - 1.0) / 2.0) + self.offset
+    }
+
+    fn side(&self) -> f64 {
+        self.linear.determinant().sqrt() * f64::from(CROP)
+    }
 }
 
 /// An image that says at each pixel where it is.
@@ -29,22 +45,21 @@ fn chart() -> RgbImage {
     RgbImage::from_fn(WIDTH, HEIGHT, |x, y| Rgb([level(x, WIDTH), level(y, HEIGHT), 0]))
 }
 
-/// Reads off a crop of the chart where it was cut: a line through the levels of each axis.
+/// Reads off a crop of the chart where it was cut: a plane through the levels of each axis.
 fn place(crop: &[u8]) -> Place {
     let side = CROP as usize;
-    let line = |axis: usize, size: u32| {
-        let (mut st, mut sv, mut stt, mut stv) = (0.0, 0.0, 0.0, 0.0);
-        for k in 0..side * side {
-            let t = if axis == 0 { k % side } else { k / side } as f64 + 0.5;
-            let value = f64::from(crop[3 * k + axis]) * f64::from(size) / 255.0 + 0.5;
-            (st, sv, stt, stv) = (st + t, sv + value, stt + t * t, stv + t * value);
-        }
-        let n = (side * side) as f64;
-        let slope = (n * stv - st * sv) / (n * stt - st * st);
-        (sv / n - slope * st / n, slope)
+    let middle = (f64::from(CROP) - 1.0) / 2.0;
+    let arms = |k: usize| Vector2::new((k % side) as f64 - middle, (k / side) as f64 - middle);
+    let square: f64 = (0..side * side).map(|k| arms(k).x.powi(2)).sum();
+    let plane = |axis: usize, size: u32| {
+        let value = |k: usize| f64::from(crop[3 * k + axis]) * f64::from(size) / 255.0;
+        let mean = (0..side * side).map(value).sum::<f64>() / (side * side) as f64;
+        let slope = (0..side * side).map(|k| arms(k) * value(k)).sum::<Vector2<f64>>() / square;
+        (mean, slope)
     };
-    let ((left, slope), (top, _)) = (line(0, WIDTH), line(1, HEIGHT));
-    Place { edge: Vector2::new(left, top), side: slope * side as f64 }
+    let ((x, across), (y, down)) = (plane(0, WIDTH), plane(1, HEIGHT));
+    let linear = Matrix2::from_rows(&[across.transpose(), down.transpose()]);
+    Place { linear, offset: Vector2::new(x, y) - linear * Vector2::repeat(middle) }
 }
 
 type Places = Arc<Mutex<Vec<Vec<Place>>>>;
@@ -56,10 +71,7 @@ fn seeing(places: &Places) -> Script {
     let keypoints = Arc::new(move |input: Input<'_>| {
         let Input::Bytes { shape, values } = input else { panic!("bytes were expected") };
         let crops: Vec<Place> = values.chunks_exact(values.len() / shape[0]).map(place).collect();
-        let in_crop = |crop: &Place| {
-            let (edge, side) = (crop.edge, crop.side);
-            corner_pixels().map(|pixel| ((pixel.add_scalar(0.5) - edge) * f64::from(CROP) / side).add_scalar(-0.5))
-        };
+        let in_crop = |crop: &Place| corner_pixels().map(|pixel| crop.in_crop(&pixel));
         let pixels = crops.iter().flat_map(in_crop).flat_map(|uv| [uv.x as f32, uv.y as f32]).collect();
         places.lock().unwrap().push(crops);
         Ok(sure_of(shape[0], pixels))
@@ -69,7 +81,7 @@ fn seeing(places: &Places) -> Script {
 
 fn estimate(zoom: bool, script: Script) -> Estimate {
     let mut manifests = Manifests::default();
-    manifests.object["crop_ensemble"] = json!([0.9, 1.0, 1.1]);
+    manifests.object["crop_ensemble"] = json!(ENSEMBLE.map(|(scale, turn)| json!({"scale": scale, "turn_deg": turn})));
     if zoom {
         manifests.object["zoom"] = json!(ZOOM);
     }
@@ -83,16 +95,23 @@ fn the_second_crops_lie_about_the_keypoints() {
     let places = places.lock().unwrap();
     let [first, second] = &places[..] else { panic!("{} runs", places.len()) };
     let [first] = &first[..] else { panic!("{} crops at first", first.len()) };
-    assert!((first.side - SCALE * BOX[2].max(BOX[3])).abs() < 1.0, "{first:?}");
+    assert!((first.side() - SCALE * BOX[2].max(BOX[3])).abs() < 1.0, "{first:?}");
+    assert!((first.linear - Matrix2::identity() * first.linear.m11).amax() < 0.02, "turned: {first:?}");
 
     let corners = corner_pixels();
     let centre = corners.iter().sum::<Vector2<f64>>() / 8.0;
     let spread = (corners.iter().map(|corner| (corner - centre).norm_squared()).sum::<f64>() / 8.0).sqrt();
+    let camera_from_object = truth();
+    let tip = |z: f64| camera().project(&camera_from_object.transform(&Vector3::new(0.0, 0.0, z))).unwrap();
+    let axis = tip(0.001) - tip(-0.001);
     assert_eq!(second.len(), 3);
-    for (crop, factor) in second.iter().zip([0.9, 1.0, 1.1]) {
-        let side = factor * SCALE * ZOOM * spread;
-        assert!((crop.side - side).abs() < 1.0, "{crop:?}, {side}");
-        assert!((crop.edge.add_scalar(crop.side / 2.0 - 0.5) - centre).amax() < 1.0, "{crop:?}, {centre}");
+    for (crop, (scale, turn)) in second.iter().zip(ENSEMBLE) {
+        let side = scale * SCALE * ZOOM * spread;
+        assert!((crop.side() - side).abs() < 1.0, "{crop:?}, {side}");
+        assert!((crop.centre() - centre).amax() < 1.0, "{crop:?}, {centre}");
+        let in_crop = crop.linear.try_inverse().unwrap() * axis;
+        let from_upright = in_crop.x.atan2(-in_crop.y).to_degrees();
+        assert!((from_upright - turn).abs() < 3.0, "{crop:?}: the z axis leans by {from_upright}, not {turn}");
     }
     let found = &answer.poses[0];
     assert_eq!(found.verdict.status, Status::Ok);

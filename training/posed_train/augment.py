@@ -1,9 +1,11 @@
 """Training-time variation of a patch: geometry (box noise, in-plane rotation), background, occluders, light, camera."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
-from .crops import CROP_SCALE, Patch
+from .crops import CROP_SCALE, ZOOM, Patch, Square, axis_in_image, upright
 
 ZOOM_SHARE = 0.6
 """Of the crops: cut as for the second look."""
@@ -11,18 +13,25 @@ ZOOM_SHARE = 0.6
 # less, the better: a net is most exact where it has seen most.
 BOX_NOISE = 0.08, 0.05
 ZOOM_NOISE = 0.04, 0.03
+TURN_NOISE = 0.1
+"""Of the z axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
+# Standard deviations of a crop's rotation.
+BOX_TURN_DEG, ZOOM_TURN_DEG = 25.0, 8.0
 
 
 class Augmenter:
-    """Turns patches into network inputs. `size` is its side; `backgrounds` are RGB images of at
-    least this size.
+    """Turns patches into network inputs. `size` is its side; `backgrounds` are RGB images of at least this size;
+    `heights` are the keypoints' z coordinates where the net is to look twice.
 
     `strength` scales how often and how much everything varies. It starts at 1; lowering it towards the end of a
     training lets the net settle on images like those it will see.
     """
 
-    def __init__(self, backgrounds: list[np.ndarray], rng: np.random.Generator, size: int):
-        self.backgrounds, self.rng, self.size, self.strength = backgrounds, rng, size, 1.0
+    def __init__(
+        self, backgrounds: list[np.ndarray], rng: np.random.Generator, size: int, heights: np.ndarray | None = None
+    ):
+        self.backgrounds, self.rng, self.size, self.heights = backgrounds, rng, size, heights
+        self.strength = 1.0
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
@@ -39,14 +48,25 @@ class Augmenter:
 
     def random_affine(self, patch: Patch) -> np.ndarray:
         rng = self.rng
-        angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.15 * self.strength else rng.normal(0, np.radians(25))
-        zoom = patch.zoomed is not None and rng.random() < ZOOM_SHARE
-        box, (size_noise, place_noise) = (patch.zoomed, ZOOM_NOISE) if zoom else (patch.box, BOX_NOISE)
-        crop_side = box.side * CROP_SCALE * np.exp(truncated_normal(rng, size_noise))
-        centre = box.centre + box.side * np.array([truncated_normal(rng, place_noise) for _ in range(2)])
-        c, s = np.cos(angle) * self.size / crop_side, np.sin(angle) * self.size / crop_side
-        linear = np.array([[c, -s], [s, c]])
-        return np.column_stack([linear, self.size / 2 - 0.5 - linear @ centre])
+        if self.heights is not None and rng.random() < ZOOM_SHARE:
+            box, (size_noise, place_noise) = self.second_box(patch), ZOOM_NOISE
+            turn = rng.normal(0, np.radians(ZOOM_TURN_DEG))
+        else:
+            box, (size_noise, place_noise) = patch.box, BOX_NOISE
+            whole = rng.random() < 0.15 * self.strength
+            turn = rng.uniform(-np.pi, np.pi) if whole else rng.normal(0, np.radians(BOX_TURN_DEG))
+        square = box.scaled(CROP_SCALE * np.exp(truncated_normal(rng, size_noise))).turned(turn)
+        shift = box.side * np.array([truncated_normal(rng, place_noise) for _ in range(2)])
+        return replace(square, left=square.left + shift[0], top=square.top + shift[1]).crop_from_image(self.size)[:2]
+
+    def second_box(self, patch: Patch) -> Square:
+        """As a first look's keypoints would have it; of a symmetric object they may be any of several."""
+        keypoints, heights = patch.keypoints[self.rng.integers(len(patch.keypoints))], self.heights
+        box = Square.about(keypoints)
+        # Of keypoints on all sides the axis is as long as this where it is seen from the side.
+        longest = box.side / ZOOM * np.linalg.norm(heights) * np.sqrt(len(heights) / 2)
+        axis = axis_in_image(keypoints, heights) + self.rng.normal(0, TURN_NOISE * longest, 2)
+        return box.turned(upright(axis))
 
     def warp(self, image: np.ndarray, affine: np.ndarray) -> np.ndarray:
         return cv2.warpAffine(image, affine, (self.size, self.size), flags=cv2.INTER_LINEAR)

@@ -1,14 +1,17 @@
-"""Square crops around boxes. The service cuts them the same way (`src/vision/crop.rs`); parity tests hold both to it.
+"""Square crops around boxes. The service cuts them alike (`src/vision/resample.rs`); parity tests hold both to it.
 
 A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its map to pixels is the affine
 `crop_from_image`: pixel centres are at integer coordinates, so the square's left edge lies at `x - 0.5`.
 
 The net looks twice: into a crop around the box, then into one around the keypoints it found there. The first box errs
-as detectors do, and shrinks where the object is half hidden; the second does neither.
+as detectors do, and shrinks where the object is half hidden; the second does neither. The second crop is also turned so
+that the object stands upright in it (the keypoints' z axis points up): of the three degrees of freedom of its rotation
+the net need learn but two.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from PIL import Image
 
@@ -25,11 +28,14 @@ PATCH_PER_INPUT = 1.5  # pixels of a patch for one of the network's input: a pat
 
 @dataclass(frozen=True)
 class Square:
-    """A square region of an image; `left` and `top` are edges, in pixel-edge coordinates (0 = image border)."""
+    """A square region of an image; `left` and `top` are the edges that it has when not turned, in pixel-edge
+    coordinates (0 = image border)."""
 
     left: float
     top: float
     side: float
+    turn: float = 0.0
+    """By how much the image is turned about the square's centre before it is cut, radians, clockwise."""
 
     @classmethod
     def around(cls, box: tuple[float, float, float, float], scale: float) -> "Square":
@@ -52,29 +58,41 @@ class Square:
     def scaled(self, factor: float) -> "Square":
         """About the same centre."""
         margin = self.side * (factor - 1) / 2
-        return Square(self.left - margin, self.top - margin, self.side * factor)
+        return replace(self, left=self.left - margin, top=self.top - margin, side=self.side * factor)
+
+    def turned(self, angle: float) -> "Square":
+        """About the same centre, by so many radians more."""
+        return replace(self, turn=self.turn + angle)
 
     def within(self, whole: "Square", size: int) -> "Square":
-        """The same place in the pixels of `whole`, cut to `size`."""
+        """The same place in the pixels of `whole`, which is not turned, cut to `size`."""
         scale = size / whole.side
-        return Square((self.left - whole.left) * scale, (self.top - whole.top) * scale, self.side * scale)
-
-    def to_crop(self, pixels: np.ndarray, size: int) -> np.ndarray:
-        """Image pixels to crop pixels, both with centres at integers."""
-        return (pixels + 0.5 - [self.left, self.top]) * (size / self.side) - 0.5
+        left, top = (self.left - whole.left) * scale, (self.top - whole.top) * scale
+        return Square(left, top, self.side * scale, self.turn)
 
     def crop_from_image(self, size: int) -> np.ndarray:
-        """The same map as a matrix `[3, 3]`."""
-        scale = size / self.side
-        shift = [(0.5 - self.left) * scale - 0.5, (0.5 - self.top) * scale - 0.5]
-        return np.array([[scale, 0, shift[0]], [0, scale, shift[1]], [0, 0, 1]])
+        """Image pixels to crop pixels, both with centres at integers, `[3, 3]`."""
+        cos, sin = np.array([np.cos(self.turn), np.sin(self.turn)]) * (size / self.side)
+        linear = np.array([[cos, -sin], [sin, cos]])
+        return as_matrix(np.column_stack([linear, (size - 1) / 2 - linear @ self.centre]))
+
+    def to_crop(self, pixels: np.ndarray, size: int) -> np.ndarray:
+        """Image pixels `[..., 2]` to crop pixels."""
+        return transform(self.crop_from_image(size), pixels)
 
     def to_image(self, pixels: np.ndarray, size: int) -> np.ndarray:
         """The inverse of `to_crop`."""
-        return (pixels + 0.5) * (self.side / size) - 0.5 + [self.left, self.top]
+        return transform(np.linalg.inv(self.crop_from_image(size)), pixels)
 
     def cut(self, image: np.ndarray, size: int) -> np.ndarray:
-        """Bilinear with antialiasing (Pillow); what lies outside the image is black."""
+        """Bilinear with antialiasing (Pillow); what lies outside the image is black. A turned square is cut from an
+        upright one of the same resolution that holds it."""
+        if self.turn:
+            reach = abs(np.cos(self.turn)) + abs(np.sin(self.turn))
+            upright_size = int(np.ceil(size * reach))
+            upright = replace(self.scaled(upright_size / size), turn=0.0)
+            crop_from_upright = self.crop_from_image(size) @ np.linalg.inv(upright.crop_from_image(upright_size))
+            return cv2.warpAffine(upright.cut(image, upright_size), crop_from_upright[:2], (size, size))
         height, width = image.shape[:2]
         x0, y0 = int(np.floor(self.left)), int(np.floor(self.top))
         x1, y1 = int(np.ceil(self.left + self.side)), int(np.ceil(self.top + self.side))
@@ -87,6 +105,26 @@ class Square:
         return np.asarray(Image.fromarray(canvas).resize((size, size), Image.Resampling.BILINEAR, box=box))
 
 
+def as_matrix(affine: np.ndarray) -> np.ndarray:
+    """`[2, 3]` to `[3, 3]`."""
+    return np.vstack([affine, [0, 0, 1]])
+
+
+def transform(affine: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    return pixels @ affine[:2, :2].T + affine[:2, 2]
+
+
+def axis_in_image(keypoints: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Where the z axis of the keypoints' own frame points in the image, `[2]`: `keypoints` are `[N, 2]` pixels,
+    `heights` `[N]` their z coordinates. Its length means nothing by itself."""
+    return heights @ (keypoints - keypoints.mean(0))
+
+
+def upright(axis: np.ndarray) -> float:
+    """The turn after which this direction points up."""
+    return float(np.arctan2(-axis[0], -axis[1]))
+
+
 @dataclass(frozen=True)
 class Patch:
     """A view's surroundings at training resolution, with the keypoints' targets in patch pixels."""
@@ -96,15 +134,13 @@ class Patch:
     keypoints: np.ndarray  # [symmetries, N, 2]
     patch_from_image: np.ndarray  # [3, 3] pixels
     box: Square  # what a first crop is cut around, patch pixels
-    zoomed: Square | None  # what a second one is cut around, if there will be any
 
 
 def cut_patch(view: View, keypoints_in_image: np.ndarray | None, input_size: int, with_mask: bool) -> Patch:
     """With keypoints `[symmetries, N, 2]`, of which any tells where they are as a whole, or none (pairwise losses)."""
     size = round(PATCH_PER_INPUT * input_size)
     box = Square.around(view.box, 1.0)
-    zoomed = None if keypoints_in_image is None else Square.about(keypoints_in_image[0])
-    whole = (zoomed or box).scaled(PATCH_SCALE)
+    whole = (box if keypoints_in_image is None else Square.about(keypoints_in_image[0])).scaled(PATCH_SCALE)
     mask = read_mask(view) if with_mask else None
     return Patch(
         rgb=whole.cut(read_rgb(view.image_path), size),
@@ -112,26 +148,35 @@ def cut_patch(view: View, keypoints_in_image: np.ndarray | None, input_size: int
         keypoints=np.zeros((1, 1, 2)) if keypoints_in_image is None else whole.to_crop(keypoints_in_image, size),
         patch_from_image=whole.crop_from_image(size),
         box=box.within(whole, size),
-        zoomed=zoomed and zoomed.within(whole, size),
     )
 
 
-def cut_crops(view: View, image: np.ndarray, size: int, ensemble: tuple[float, ...]) -> tuple[np.ndarray, list[Square]]:
-    """The crops `[E, S, S, 3]` around this view's box."""
-    return crops_around(Square.around(view.box, 1.0), image, size, ensemble)
+@dataclass(frozen=True)
+class Variant:
+    """A crop beside others of the same place: a small net's errors differ from one to the next."""
+
+    scale: float = 1.0
+    turn_deg: float = 0.0
 
 
 def crops_around(
-    box: Square, image: np.ndarray, size: int, ensemble: tuple[float, ...]
+    box: Square, image: np.ndarray, size: int, ensemble: tuple[Variant, ...] = (Variant(),)
 ) -> tuple[np.ndarray, list[Square]]:
-    squares = [box.scaled(CROP_SCALE * factor) for factor in ensemble]
+    """The crops `[E, S, S, 3]` around a box."""
+    squares = [box.scaled(CROP_SCALE * variant.scale).turned(np.radians(variant.turn_deg)) for variant in ensemble]
     return np.stack([square.cut(image, size) for square in squares]), squares
 
 
-def look_closer(keypoints: np.ndarray, box: Square) -> Square | None:
+def first_crop(view: View, size: int) -> tuple[np.ndarray, Square]:
+    """The crop `[S, S, 3]` around this view's box."""
+    crops, squares = crops_around(Square.around(view.box, 1.0), read_rgb(view.image_path), size)
+    return crops[0], squares[0]
+
+
+def look_closer(keypoints: np.ndarray, heights: np.ndarray, box: Square) -> Square | None:
     """Where to look again after finding keypoints `[N, 2]` in a crop around `box`, image pixels; `None` where that is
     no place for the object of this box."""
-    zoomed = Square.about(keypoints)
+    zoomed = Square.about(keypoints).turned(upright(axis_in_image(keypoints, heights)))
     near = np.abs(zoomed.centre - box.centre).max() <= box.side
     least, most = ZOOMED_PER_BOX
     return zoomed if near and least <= zoomed.side / box.side <= most else None

@@ -13,7 +13,7 @@ from . import bop
 from .augment import Augmenter
 from .check import MIN_BASELINE_DEG
 from .config import KeypointConfig, splits
-from .crops import Patch, cut_patch
+from .crops import Patch, as_matrix, cut_patch
 from .network import design
 from .registration import Registration, angles_deg, mean_pose, project, register
 
@@ -34,9 +34,9 @@ class Views:
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
-        # The net's keypoints are where they were placed: it can be taught to look at them. The pairwise losses leave
-        # their frame to the net.
-        self.anchored = config.loss == "component"
+        # z coordinates of the keypoints, if the net's are where they were placed: it can then be taught to look at them
+        # more closely. The pairwise losses leave their frame to the net.
+        self.heights = self.registration.keypoints[:, 2] if config.loss == "component" else None
         self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
 
@@ -168,7 +168,9 @@ class Pairs:
             crop, crop_from_patch = augment(patch)
             crops.append(crop)
             normalised_from_image = np.linalg.inv(self.views.all[index].camera_matrix)
-            maps.append((normalised_from_image @ np.linalg.inv(square(crop_from_patch) @ patch.patch_from_image))[:2])
+            maps.append(
+                (normalised_from_image @ np.linalg.inv(as_matrix(crop_from_patch) @ patch.patch_from_image))[:2]
+            )
         as_tensor = lambda values: torch.from_numpy(np.stack(values)).float()  # noqa: E731
         return PairBatch(to_images(crops), as_tensor(maps), as_tensor(relative))
 
@@ -179,20 +181,16 @@ class Batches(torch.utils.data.IterableDataset):
 
     def __init__(self, source: Data | Pairs, data: Data, config: KeypointConfig, first: int, strength):
         self.source, self.config, self.first, self.strength = source, config, first, strength
-        self.backgrounds, self.input_size = data.backgrounds, data.input_size
+        self.backgrounds, self.input_size, self.heights = data.backgrounds, data.input_size, data.views.heights
 
     def __iter__(self):
         worker = torch.utils.data.get_worker_info()
         offset, stride = (worker.id, worker.num_workers) if worker else (0, 1)
         for step in range(self.first + offset, self.config.steps, stride):
             rng = np.random.default_rng([self.config.seed, step])
-            augment = Augmenter(self.backgrounds, rng, self.input_size)
+            augment = Augmenter(self.backgrounds, rng, self.input_size, self.heights)
             augment.strength = self.strength(step)
             yield self.source.batch(self.config.batch, augment, rng)
-
-
-def square(affine: np.ndarray) -> np.ndarray:
-    return np.vstack([affine, [0, 0, 1]])
 
 
 def to_images(crops: list[np.ndarray]) -> Tensor:

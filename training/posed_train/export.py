@@ -7,6 +7,7 @@ rounded to that precision before anything is measured.
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,8 @@ from PIL import Image
 from torch import Tensor, nn
 
 from . import detector
-from .bop import View, read_rgb
-from .crops import CROP_SCALE, ZOOM, cut_crops
+from .bop import View
+from .crops import CROP_SCALE, ZOOM, first_crop
 from .data import Views
 from .heatmap import Decode
 from .network import KeypointNet
@@ -172,12 +173,12 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
-def predictor(path: Path, zooms: bool) -> Predictor:
+def predictor(path: Path, heights: np.ndarray | None = None) -> Predictor:
     """The exported keypoint net, as `validate` wants it."""
     net = session(path)
     size = net.get_inputs()[0].shape[1]
     run = lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops}))  # noqa: E731
-    return Predictor(size, run, zooms)
+    return Predictor(size, run, heights)
 
 
 def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -> np.ndarray:
@@ -199,9 +200,9 @@ def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -
 def write_parity(expect: Callable[[np.ndarray], np.ndarray], network: Path, views: list[View]) -> None:
     """`parity.png`, crops one below the other, and `parity.json`, where `expect` sees their keypoints: whoever runs the
     exported network elsewhere can compare. Refuses a network that differs here already."""
-    net = predictor(network, zooms=False)
+    net = predictor(network)
     views = views[:: max(1, len(views) // PARITY_CROPS)][:PARITY_CROPS]
-    cut = [cut_crops(view, read_rgb(view.image_path), net.size, (1.0,))[0] for view in views]
+    cut = [first_crop(view, net.size)[0][None] for view in views]
     noise = np.random.default_rng(1).integers(0, 256, (2, net.size, net.size, 3), np.uint8)
     crops = np.concatenate(cut) if cut else noise
     keypoints = expect(crops)
@@ -237,7 +238,7 @@ def export_keypoints(
     held_out = [views.all[index] for index in views.held_out]
     with torch.no_grad():
         write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, held_out)
-    scale = covariance_scale(predictor(path, views.anchored), held_out, views.targets(views.held_out))
+    scale = covariance_scale(predictor(path, views.heights), held_out, views.targets(views.held_out))
     manifest = {
         **identity,
         "model_sha256": sha256(path),
@@ -245,8 +246,8 @@ def export_keypoints(
         "diameter_m": round(registration.size_m, 5),
         **({"symmetries_discrete": symmetries_discrete} if symmetries_discrete else {}),
         "crop_scale": CROP_SCALE,
-        "crop_ensemble": list(CROP_ENSEMBLE),
-        **({"zoom": ZOOM} if views.anchored else {}),
+        "crop_ensemble": [asdict(variant) for variant in CROP_ENSEMBLE],
+        **({"zoom": ZOOM} if views.heights is not None else {}),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},
         "output": {"kind": "keypoints"},
         "covariance_scale": scale.round(4).tolist(),

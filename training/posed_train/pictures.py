@@ -7,8 +7,8 @@ import cv2
 import matplotlib
 import numpy as np
 
-from .bop import View, read_rgb
-from .crops import cut_crops
+from .bop import View
+from .crops import first_crop
 from .validate import Predictor
 
 matplotlib.use("Agg")
@@ -84,11 +84,11 @@ def draw_sheet(predictor: Predictor, views: list[View], truth: np.ndarray, out: 
     chosen = np.unique(np.linspace(0, len(views) - 1, rows * columns).astype(int))
     tiles = []
     for index in chosen:
-        crops, (square,) = cut_crops(views[index], read_rgb(views[index].image_path), predictor.size, (1.0,))
-        found = predictor.run(crops)[0][0]
+        crop, square = first_crop(views[index], predictor.size)
+        found = predictor.run(crop[None])[0][0]
         alike = square.to_crop(truth[index], predictor.size)
         expected = alike[np.linalg.norm(alike - found, axis=-1).mean(-1).argmin()]
-        tile = cv2.resize(crops[0], None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+        tile = cv2.resize(crop, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
         for there, here in zip((2 * expected + 0.5).round().astype(int), (2 * found + 0.5).round().astype(int)):
             cv2.line(tile, tuple(map(int, there)), tuple(map(int, here)), TRUE, 1, cv2.LINE_AA)
             cv2.circle(tile, tuple(map(int, there)), 2, TRUE, -1, cv2.LINE_AA)

@@ -14,9 +14,9 @@ import onnx
 import onnxruntime
 from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
 
-from .bop import DatasetError, View, read_rgb
+from .bop import DatasetError, View
 from .config import KeypointConfig
-from .crops import cut_crops
+from .crops import first_crop
 from .data import Views
 from .export import covariance_scale, predictor, sha256, write_manifest, write_parity
 from .train import Validator
@@ -32,7 +32,7 @@ class Crops(CalibrationDataReader):
 
     def get_next(self) -> dict[str, np.ndarray] | None:
         view = next(self.views, None)
-        return view and {"image": cut_crops(view, read_rgb(view.image_path), self.size, (1.0,))[0]}
+        return view and {"image": first_crop(view, self.size)[0][None]}
 
 
 def quantize(config: KeypointConfig, data: Path, model: Path, out: Path) -> dict[str, dict[str, float]]:
@@ -44,10 +44,9 @@ def quantize(config: KeypointConfig, data: Path, model: Path, out: Path) -> dict
         raise DatasetError(f"{model}: not trained with these settings on this data: the keypoints lie elsewhere")
     out.mkdir(parents=True)
     before, after = model / "keypoints.onnx", out / "keypoints.onnx"
-    zooms = "zoom" in manifest
-    nets = {"float": predictor(before, zooms)}
+    nets = {"float": predictor(before, views.heights)}
     quantize_network(before, after, Crops(calibration_views(views), nets["float"].size))
-    nets["int8"] = predictor(after, zooms)
+    nets["int8"] = predictor(after, views.heights)
     held_out = [views.all[index] for index in views.held_out]
     write_parity(lambda crops: nets["int8"].run(crops)[0], after, held_out)
     manifest["model_sha256"] = sha256(after)

@@ -25,7 +25,7 @@ FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
 
 
-def predictor(model: KeypointNet, zooms: bool) -> Predictor:
+def predictor(model: KeypointNet, heights: np.ndarray | None) -> Predictor:
     decode = Decode(model.input_size // model.stride, model.stride).to(DEVICE)
 
     @torch.no_grad()
@@ -34,7 +34,7 @@ def predictor(model: KeypointNet, zooms: bool) -> Predictor:
         images = torch.from_numpy(crops.copy()).to(DEVICE).permute(0, 3, 1, 2).float() / 255
         return tuple(output.cpu().numpy() for output in decode(model(images)))
 
-    return Predictor(model.input_size, predict, zooms)
+    return Predictor(model.input_size, predict, heights)
 
 
 def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
@@ -138,7 +138,7 @@ def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:
     """The keypoints on held-out views, `sheet.png`."""
     if views.held_out:
         held_out = [views.all[index] for index in views.held_out]
-        draw_sheet(predictor(model, views.anchored), held_out, views.targets(views.held_out), out / "sheet.png")
+        draw_sheet(predictor(model, views.heights), held_out, views.targets(views.held_out), out / "sheet.png")
 
 
 def load(source: Data | Pairs, data: Data, config: KeypointConfig, first: int, workers: int):
@@ -158,7 +158,7 @@ def join_components(views: Views, model: KeypointNet) -> int:
     waiting = [index for index in range(len(views.all)) if index not in views.registration.placed]
     if not waiting:
         return 0
-    predictions = predict_views(predictor(model, views.anchored), [views.all[index] for index in waiting])
+    predictions = predict_views(predictor(model, views.heights), [views.all[index] for index in waiting])
     poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
     return join(views.registration, dict(zip(waiting, poses)))
 
@@ -173,7 +173,7 @@ class Validator:
 
     def __init__(self, config: KeypointConfig, root: Path, views: Views):
         self.registration, self.keypoints_from_object = views.registration, views.keypoints_from_object
-        self.anchored = views.anchored
+        self.heights = views.heights
         self.views = []
         if config.validation and self.keypoints_from_object is not None:
             self.views = bop.read_views(root / config.validation, config.obj_id, min_visible=0.7)
@@ -183,13 +183,13 @@ class Validator:
             self.model = metrics.load_model(models / f"obj_{config.obj_id:06d}.ply", info)
 
     def __call__(self, model: KeypointNet) -> dict[str, float]:
-        return self.score(predictor(model, self.anchored))
+        return self.score(predictor(model, self.heights))
 
     def score(self, net: Predictor) -> dict[str, float]:
         if not self.views:
             return {}
         predictions = predict_views(net, self.views)
-        offset = self.keypoints_from_object if self.anchored else self.voted_offset(predictions)
+        offset = self.keypoints_from_object if self.heights is not None else self.voted_offset(predictions)
         return score(self.model, self.registration.keypoints, offset, predictions)
 
     def voted_offset(self, predictions: list[Prediction]) -> np.ndarray:

@@ -8,23 +8,23 @@ import numpy as np
 
 from . import metrics
 from .bop import View, read_rgb
-from .crops import Square, crops_around, look_closer
+from .crops import Square, Variant, crops_around, look_closer
 from .registration import project
 
 
 @dataclass(frozen=True)
 class Predictor:
     """A net, wherever it runs. `run` takes crops `[B, S, S, 3]` uint8 and gives keypoints `[B, N, 2]`, covariances
-    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`. `zooms`: it was trained to look twice."""
+    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`. `heights` `[N]`, if it was trained to look twice: the keypoints' z
+    coordinates."""
 
     size: int
     run: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-    zooms: bool
+    heights: np.ndarray | None = None
 
 
-CROP_ENSEMBLE = (0.95, 1.0, 1.05)
-"""Sizes of the crops that keypoints are averaged over, as factors of CROP_SCALE: a small net's errors differ from one
-crop to the next."""
+CROP_ENSEMBLE = (Variant(0.95, -10), Variant(), Variant(1.05, 10))
+"""The crops that keypoints are averaged over."""
 
 
 @dataclass(frozen=True)
@@ -38,24 +38,28 @@ class Prediction:
 
 
 def predict_views(
-    predictor: Predictor, views: list[View], ensemble: tuple[float, ...] = CROP_ENSEMBLE
+    predictor: Predictor, views: list[View], ensemble: tuple[Variant, ...] = CROP_ENSEMBLE
 ) -> list[Prediction]:
     """The mean over each view's crops, as the service takes it."""
     predictions = []
     for view in views:
         image, box = read_rgb(view.image_path), Square.around(view.box, 1.0)
-        prediction = look(predictor, view, image, box, (1.0,) if predictor.zooms else ensemble)
-        closer = look_closer(prediction.keypoints, box) if predictor.zooms else None
+        if predictor.heights is None:
+            predictions.append(look(predictor, view, image, box, ensemble))
+            continue
+        prediction = look(predictor, view, image, box, (Variant(),))
+        closer = look_closer(prediction.keypoints, predictor.heights, box)
         predictions.append(look(predictor, view, image, closer, ensemble) if closer else prediction)
     return predictions
 
 
-def look(predictor: Predictor, view: View, image: np.ndarray, box: Square, ensemble: tuple[float, ...]) -> Prediction:
+def look(predictor: Predictor, view: View, image: np.ndarray, box: Square, ensemble: tuple[Variant, ...]) -> Prediction:
     crops, squares = crops_around(box, image, predictor.size, ensemble)
     keypoints, covariances, peaks = predictor.run(crops)
     in_image = [square.to_image(found, predictor.size) for square, found in zip(squares, keypoints)]
-    scale = np.array([square.side / predictor.size for square in squares])[:, None, None, None]
-    return Prediction(view, np.mean(in_image, axis=0), (covariances * scale**2).mean(0), peaks.mean(0))
+    back = np.stack([np.linalg.inv(square.crop_from_image(predictor.size))[:2, :2] for square in squares])[:, None]
+    covariances = back @ covariances @ back.transpose(0, 1, 3, 2)
+    return Prediction(view, np.mean(in_image, axis=0), covariances.mean(0), peaks.mean(0))
 
 
 def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | None:

@@ -75,12 +75,12 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
     assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0
     crops = np.zeros((3, 128, 128, 3), np.uint8)
-    keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx", zooms=False).run(crops)
+    keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx").run(crops)
     assert keypoints.shape == (3, 8, 2) and covariances.shape == (3, 8, 2, 2) and peaks.shape == (3, 8)
     # What others are to compare with.
     parity = json.loads((out / "parity.json").read_text())
     crops = cv2.imread(str(out / "parity.png"), cv2.IMREAD_COLOR_RGB).reshape(-1, 128, 128, 3)
-    again = export.predictor(out / "keypoints.onnx", zooms=False).run(crops)[0]
+    again = export.predictor(out / "keypoints.onnx").run(crops)[0]
     np.testing.assert_allclose(again, parity["keypoints_px"], atol=parity["tolerance_px"])
     assert np.ptp(again, axis=0).max() > 1, "the crops differ, and so do their keypoints"
 
@@ -88,7 +88,7 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     scores = quantize.quantize(CUBE, rendered, out, small)
     assert set(scores) == {"float", "int8"}
     assert (small / "keypoints.onnx").stat().st_size < 0.7 * (out / "keypoints.onnx").stat().st_size
-    near = export.predictor(small / "keypoints.onnx", zooms=False).run(crops)[0]
+    near = export.predictor(small / "keypoints.onnx").run(crops)[0]
     assert 0 < np.median(np.abs(near - again)) < 2
     assert json.loads((small / "object.json").read_text())["model_sha256"] == export.sha256(small / "keypoints.onnx")
     with pytest.raises(bop.DatasetError, match="not trained with these settings"):
@@ -133,7 +133,7 @@ def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
     export.export_keypoints(trainer.model, views, tmp_path, {"name": "cube", "obj_id": 1}, {})
     assert json.loads((tmp_path / "object.json").read_text())["input"]["size"] == 192
-    exported = export.predictor(tmp_path / "keypoints.onnx", zooms=False)
+    exported = export.predictor(tmp_path / "keypoints.onnx")
     assert exported.run(np.zeros((1, 192, 192, 3), np.uint8))[0].shape == (1, 5, 2)
 
 

@@ -29,14 +29,14 @@ pub struct KeypointManifest {
     pub symmetries_continuous: Vec<BopAxis>,
     /// Side of the square crop over the larger side of the detection box.
     pub crop_scale: f64,
-    /// The keypoints are averaged over crops of these sizes, as factors of `crop_scale`: a small network's errors differ
-    /// from one crop to the next. One crop by default.
+    /// The keypoints are averaged over these crops: a small network's errors differ from one to the next. One crop by
+    /// default.
     #[serde(default = "one_crop")]
-    pub crop_ensemble: Vec<f64>,
+    pub crop_ensemble: Vec<CropVariant>,
     /// If given, a first crop is cut around the detection box, and the ensemble's around the keypoints found there: the
-    /// side of their box over the root mean square distance of the keypoints from their centre. A network that was
-    /// trained with such crops need not know the many ways in which detection boxes err, or shrink where the object is
-    /// half hidden.
+    /// side of their box over the root mean square distance of the keypoints from their centre, turned so that the z
+    /// axis of frame `keypoints` points up. A network that was trained with such crops need not know the many ways in
+    /// which detection boxes err, or shrink where the object is half hidden, nor the object's rotation in the image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub zoom: Option<f64>,
     pub input: KeypointInput,
@@ -48,8 +48,28 @@ pub struct KeypointManifest {
     pub training: serde_json::Value,
 }
 
-fn one_crop() -> Vec<f64> {
-    vec![1.0]
+/// A crop beside others of the same place.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct CropVariant {
+    /// Of `crop_scale`.
+    pub scale: f64,
+    /// Clockwise rotation of the image in it, degrees.
+    #[serde(default)]
+    pub turn_deg: f64,
+}
+
+impl CropVariant {
+    /// The crop as it is.
+    pub const PLAIN: Self = Self { scale: 1.0, turn_deg: 0.0 };
+
+    fn is_valid(&self) -> bool {
+        (0.5..=2.0).contains(&self.scale) && (-180.0..=180.0).contains(&self.turn_deg)
+    }
+}
+
+fn one_crop() -> Vec<CropVariant> {
+    vec![CropVariant::PLAIN]
 }
 
 /// A batch of square RGB crops.
@@ -133,9 +153,10 @@ impl KeypointManifest {
         if !(1.0..=4.0).contains(&self.crop_scale) {
             return Err(("crop_scale", format!("is {}; it must lie between 1 and 4", self.crop_scale)));
         }
-        let factors = &self.crop_ensemble;
-        if !(1..=8).contains(&factors.len()) || !factors.iter().all(|factor| (0.5..=2.0).contains(factor)) {
-            return Err(("crop_ensemble", format!("is {factors:?}; give 1 to 8 factors between 0.5 and 2")));
+        let crops = &self.crop_ensemble;
+        if !(1..=8).contains(&crops.len()) || !crops.iter().all(CropVariant::is_valid) {
+            let problem = "give 1 to 8 crops, `scale` between 0.5 and 2, `turn_deg` between -180 and 180";
+            return Err(("crop_ensemble", problem.into()));
         }
         if let Some(zoom) = self.zoom.filter(|zoom| !(1.0..=10.0).contains(zoom)) {
             return Err(("zoom", format!("is {zoom}; it must lie between 1 and 10")));
