@@ -19,6 +19,7 @@ images rendered/train --engine cycles --scenes 70 --views 8
 images rendered/val --engine cycles --scenes 5 --views 8 --first 100000
 images cycles --engine cycles --scenes 38 --views 8 --first 3000
 images cycles-pairs --engine cycles --scenes 66 --views 2 --first 10000
+images cycles-singles --engine cycles --scenes 586 --views 1 --first 20000
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
 for object in cube bracket; do
@@ -32,5 +33,6 @@ for object in motor link; do
 done
 for object in cube bracket motor link; do
 	keypoints scale/$object.toml runs/scale runs/more-keypoints/$object/checkpoint.pt
+	keypoints upright/$object.toml runs/upright runs/scale/$object/checkpoint.pt
 done
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

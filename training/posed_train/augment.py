@@ -35,6 +35,8 @@ class Augmenter:
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
+        if self.backgrounds and patch.mask is not None and self.rng.random() < 0.25 * self.strength:
+            patch = self.half_hide(patch)
         crop_from_patch = self.random_affine(patch)
         crop = self.warp(patch.rgb, crop_from_patch)
         if patch.mask is not None and self.backgrounds:
@@ -78,6 +80,30 @@ class Augmenter:
         left = self.rng.integers(image.shape[1] - side + 1)
         cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
         return cut[:, ::-1] if self.rng.random() < 0.5 else cut
+
+    def half_hide(self, patch: Patch) -> Patch:
+        """Puts a foreign plate before one side of the object. Its box shrinks, as it does where real things hide it."""
+        rng, size = self.rng, len(patch.mask)
+        pixels = np.argwhere(patch.mask > 127)[:, ::-1]
+        if not len(pixels):
+            return patch
+        turn = rng.uniform(-np.pi, np.pi)
+        towards, along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        depths, widths = pixels @ towards, pixels @ along
+        edge = np.quantile(depths, rng.uniform(0.4, 0.9))
+        reach = np.ptp(widths)
+        low, high = widths.min() - rng.uniform(-0.1, 0.5) * reach, widths.max() + rng.uniform(-0.1, 0.5) * reach
+        far = depths.max() + rng.uniform(0, 0.6) * np.ptp(depths)
+        corners = [d * towards + w * along for d, w in ((edge, low), (edge, high), (far, high), (far, low))]
+        plate = np.zeros((size, size), np.uint8)
+        cv2.fillConvexPoly(plate, np.round(corners).astype(np.int32), 255, cv2.LINE_AA)
+        mask = cv2.min(patch.mask, 255 - plate)
+        box = cv2.boundingRect(mask)
+        if min(box[2:]) < 0.3 * max(box[2:]):  # a sliver, or nothing
+            return patch
+        weight = plate[..., None].astype(np.float32) / 255
+        rgb = patch.rgb * (1 - weight) + cv2.resize(self.random_background(), (size, size)) * weight
+        return replace(patch, rgb=rgb.astype(np.uint8), mask=mask, box=Square.around(box, 1.0))
 
     def occlude(self, crop: np.ndarray) -> np.ndarray:
         """Covers a convex blob somewhere over the object with foreign texture."""

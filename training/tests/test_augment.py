@@ -1,0 +1,59 @@
+import cv2
+import numpy as np
+import pytest
+
+from posed_train.augment import Augmenter
+from posed_train.crops import CROP_SCALE, Patch, Square, axis_in_image
+from posed_train.keypoints import virtual_keypoints
+from posed_train.registration import project
+
+INPUT, SIZE = 128, 192
+POINTS = virtual_keypoints("cube", 0.05, 8, 0)
+
+
+def patch(rng: np.random.Generator) -> Patch:
+    """A textured disc with the keypoints of a cube that is seen from anywhere."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    pose[:3, :3] *= np.linalg.det(pose[:3, :3])
+    pose[:3, 3] = [0, 0, 0.6]
+    camera = np.array([[600.0, 0, SIZE / 2], [0, 600.0, SIZE / 2], [0, 0, 1]])
+    mask = np.zeros((SIZE, SIZE), np.uint8)
+    cv2.circle(mask, (90, 100), 40, 255, -1)
+    rgb = rng.integers(0, 256, (SIZE, SIZE, 3)).astype(np.uint8)
+    keypoints = project(camera[None], pose[None], POINTS)
+    return Patch(rgb, mask, keypoints, np.eye(3), Square.around(cv2.boundingRect(mask), 1.0))
+
+
+@pytest.fixture
+def vary() -> Augmenter:
+    rng = np.random.default_rng(5)
+    return Augmenter([rng.integers(0, 256, (200, 250, 3)).astype(np.uint8)], rng, INPUT, POINTS[:, 2])
+
+
+def test_a_half_hidden_objects_box_is_of_what_is_left(vary):
+    shares = []
+    for _ in range(50):
+        before = patch(vary.rng)
+        after = vary.half_hide(before)
+        assert (after.mask <= before.mask).all()
+        assert after.box == Square.around(cv2.boundingRect(after.mask), 1.0)
+        left = after.mask == 255  # not the smooth edge
+        np.testing.assert_array_equal(after.rgb[left], before.rgb[left])
+        hidden = (before.mask > 0) & (after.mask == 0)
+        assert not hidden.any() or (after.rgb[hidden] != before.rgb[hidden]).mean() > 0.9
+        shares.append(left.mean() / (before.mask > 0).mean())
+    assert min(shares) < 0.6 and max(shares) > 0.85
+
+
+def test_second_looks_are_upright_and_about_the_keypoints(vary):
+    leans = []
+    for _ in range(300):
+        shown = patch(vary.rng)
+        box = vary.second_box(shown)
+        keypoints = box.scaled(CROP_SCALE).to_crop(shown.keypoints[0], INPUT)
+        np.testing.assert_allclose(keypoints.mean(0), (INPUT - 1) / 2, atol=1e-6)
+        across, down = axis_in_image(keypoints, POINTS[:, 2])
+        leans.append(np.degrees(np.arctan2(across, -down)))
+    # Only where the axis points at the camera does its direction say little.
+    assert np.median(np.abs(leans)) < 10 < np.max(np.abs(leans))
