@@ -26,7 +26,7 @@ impl BareLoop {
             let index = library.objects.iter().position(|object| object.as_ref().is_some_and(of_name)).unwrap();
             let manifest = &library.objects[index].as_ref().unwrap().manifest;
             let side = manifest.input.size as usize;
-            let first_look = manifest.zoom.map(|_| 1);
+            let first_look = manifest.second_look.map(|_| 1);
             let looks = first_look.into_iter().chain([manifest.crop_ensemble.len()]);
             looks.map(move |crops| {
                 let shape = [count * crops, side, side, 3];

@@ -4,13 +4,13 @@ use std::ops::{Range, RangeInclusive};
 
 use fast_image_resize::Resizer;
 use image::RgbImage;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::answer::{EstimateError, KeypointPrediction};
 use crate::geometry::{Affine, Camera};
 use crate::model::{
     Backend, CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs,
-    RuntimeError,
+    RuntimeError, SecondLook,
 };
 use crate::pnp::{self, PnpError, Solution};
 use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_square, find_peak, to_planes};
@@ -20,6 +20,10 @@ const MAX_BATCH: usize = 16;
 
 /// A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong.
 const ZOOMED_PER_BOX: RangeInclusive<f64> = 0.5..=2.5;
+
+/// Mean distance of two crops' keypoints, of the side of their place. One crop of a symmetric object may show other
+/// keypoints than the next, and be as right; their mean is not.
+const MAX_DISAGREEMENT: f64 = 0.1;
 
 /// A place in an image and the crops cut around it, for one object's network.
 pub(super) struct Crops<'a> {
@@ -35,7 +39,8 @@ pub(super) fn cut<'a>(
     image: &'a RgbImage,
     region: BoundingBox,
 ) -> Result<Crops<'a>, ResampleError> {
-    let variants = if manifest.zoom.is_some() { &[CropVariant::PLAIN] } else { manifest.crop_ensemble.as_slice() };
+    let variants =
+        if manifest.second_look.is_some() { &[CropVariant::PLAIN] } else { manifest.crop_ensemble.as_slice() };
     cut_all(manifest, resizer, image, Square::around(&region), variants)
 }
 
@@ -74,8 +79,9 @@ pub(super) fn locate(
     crops: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, EstimateError> {
     let mut found = predict(manifest, network, crops)?;
-    let Some(zoom) = manifest.zoom else { return Ok(found) };
-    let heights: Vec<f64> = manifest.virtual_keypoints_m.iter().map(|[_, _, z]| *z).collect();
+    let Some(SecondLook { zoom, up }) = manifest.second_look else { return Ok(found) };
+    let up = Vector3::from(up);
+    let heights: Vec<f64> = manifest.keypoints().iter().map(|point| point.dot(&up)).collect();
     let (mut which, mut closer) = (Vec::new(), Vec::new());
     for (at, (first, prediction)) in crops.iter().zip(&found).enumerate() {
         if let Some(place) = zoomed(prediction, &heights, &first.place, zoom) {
@@ -89,8 +95,8 @@ pub(super) fn locate(
     Ok(found)
 }
 
-/// Where to look again: about the keypoints' centre, as large as they are spread, and so that their z axis points up,
-/// `heights` being their z coordinates. `None` where that is no place for the object of this box.
+/// Where to look again: about the keypoints' centre, as large as they are spread, and so that the axis points up along
+/// which they have these `heights`. `None` where that is no place for the object of this box.
 fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom: f64) -> Option<Square> {
     let share = (prediction.pixels.len() as f64).recip();
     let centre = prediction.pixels.iter().sum::<Vector2<f64>>() * share;
@@ -125,7 +131,7 @@ fn predict(
     let next = |crops: &Crops<'_>| {
         let (of_box, others) = rest.split_at(crops.resampled.len());
         rest = others;
-        average(of_box)
+        average(&largest_agreement(of_box, MAX_DISAGREEMENT * crops.place.side))
     };
     Ok(boxes.iter().map(next).collect())
 }
@@ -219,9 +225,30 @@ fn in_image(image_from_crop: &Affine, mut raw: KeypointPrediction, covariance_sc
     raw
 }
 
+/// Those crops whose keypoints lie about where those of some crop do: of the crop with most company, the first of them.
+fn largest_agreement(of_crops: &[KeypointPrediction], within: f64) -> Vec<&KeypointPrediction> {
+    // Not "within": a crop whose keypoints are not numbers keeps its own company, and the solver will say what it is.
+    let differ = |a: &KeypointPrediction, b: &KeypointPrediction| mean_distance(a, b) > within;
+    let company = |crop: &KeypointPrediction| -> Vec<&KeypointPrediction> {
+        of_crops.iter().filter(|other| !differ(crop, other)).collect()
+    };
+    let mut largest = Vec::new();
+    for candidate in of_crops.iter().map(company) {
+        if candidate.len() > largest.len() {
+            largest = candidate;
+        }
+    }
+    largest
+}
+
+fn mean_distance(a: &KeypointPrediction, b: &KeypointPrediction) -> f64 {
+    let apart: f64 = a.pixels.iter().zip(&b.pixels).map(|(a, b)| (a - b).norm()).sum();
+    apart / a.pixels.len() as f64
+}
+
 /// The mean over the crops of one box. Covariances are averaged, not reduced: the crops show the same pixels, and what
 /// averaging gains is part of the factors fitted on held-out images.
-fn average(of_crops: &[KeypointPrediction]) -> KeypointPrediction {
+fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
     let share = (of_crops.len() as f64).recip();
     let count = of_crops[0].pixels.len();
     let mut mean = KeypointPrediction {

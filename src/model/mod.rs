@@ -11,7 +11,7 @@ pub use library::{DetectorModel, Library, LoadError, ObjectModel};
 pub(crate) use manifest::read_json;
 pub use manifest::{
     CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,
-    KeypointOutput, Layout, ManifestError, Normalisation, Placement,
+    KeypointOutput, Layout, ManifestError, Normalisation, Placement, SecondLook,
 };
 pub use network::{Backend, Input, Network, Networks, Output, Outputs, RuntimeError};
 pub(crate) use reference::write_atomically;

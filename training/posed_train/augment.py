@@ -14,14 +14,16 @@ ZOOM_SHARE = 0.6
 BOX_NOISE = 0.08, 0.05
 ZOOM_NOISE = 0.04, 0.03
 TURN_NOISE = 0.1
-"""Of the z axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
+"""Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
+CAMOUFLAGE_SHARE = 0.3
+"""Of the pasted backgrounds: in the object's own colours."""
 # Standard deviations of a crop's rotation.
 BOX_TURN_DEG, ZOOM_TURN_DEG = 25.0, 8.0
 
 
 class Augmenter:
     """Turns patches into network inputs. `size` is its side; `backgrounds` are RGB images of at least this size;
-    `heights` are the keypoints' z coordinates where the net is to look twice.
+    `heights` are the keypoints' coordinates along the axis that points up in second looks, if there are any.
 
     `strength` scales how often and how much everything varies. It starts at 1; lowering it towards the end of a
     training lets the net settle on images like those it will see.
@@ -42,7 +44,9 @@ class Augmenter:
         if patch.mask is not None and self.backgrounds:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
             if self.rng.random() < 0.5 * self.strength:
-                crop = crop * mask + self.random_background() * (1 - mask)
+                hard = mask.max() > 0.5 and self.rng.random() < CAMOUFLAGE_SHARE
+                background = self.camouflage(crop[mask[..., 0] > 0.5]) if hard else self.random_background()
+                crop = crop * mask + background * (1 - mask)
         if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)
         crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
@@ -80,6 +84,20 @@ class Augmenter:
         left = self.rng.integers(image.shape[1] - side + 1)
         cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
         return cut[:, ::-1] if self.rng.random() < 0.5 else cut
+
+    def camouflage(self, own: np.ndarray) -> np.ndarray:
+        """Stripes or checks of a colour of the object, whose pixels `own` `[P, 3]` are, and another, often its own."""
+        rng = self.rng
+        first, second = own[rng.integers(len(own), size=2)] + rng.normal(0, 12, (2, 3))
+        if rng.random() < 0.6:
+            second = rng.uniform(0, 255, 3)
+        turn, period = rng.uniform(-np.pi, np.pi), rng.uniform(4, 40)
+        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) / period
+        cells = np.floor(np.indices((self.size, self.size)).T @ axes.T + rng.uniform(0, 2, 2)).sum(-1) % 2
+        if rng.random() < 0.4:
+            cells = np.floor(np.indices((self.size, self.size)).T @ axes[0]) % 2
+        cells = cv2.GaussianBlur(cells, (0, 0), 0.6)[..., None]
+        return first + (second - first) * cells
 
     def half_hide(self, patch: Patch) -> Patch:
         """Puts a foreign plate before one side of the object. Its box shrinks, as it does where real things hide it."""

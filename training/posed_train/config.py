@@ -1,5 +1,6 @@
 """`train.toml`: all settings of one training. Paths in it are relative to the folder given by `--data`."""
 
+import math
 import tomllib
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -23,6 +24,8 @@ class KeypointConfig:
     keypoint_shape: str = "cube"
     keypoint_count: int = 8  # of the random shapes
     symmetries_discrete: list[list[float]] = field(default_factory=list)  # of the object, as in BOP's models_info.json
+    up: list[float] = field(default_factory=list)  # of the object's frame: points up in second looks; of a symmetric
+    # object best an axis of symmetry. Without it, the z axis of the keypoints' frame.
     loss: str = "component"  # `pairwise` and `registration`: the paper's losses, the latter without consistency
     held_out_scenes: int = 6  # last scenes of `photoreal`, kept for calibrating the covariances
     held_out_every: int = 8  # where there are too few scenes: every so manieth view instead
@@ -39,6 +42,8 @@ class KeypointConfig:
     def __post_init__(self) -> None:
         if not 0 < self.photoreal_share <= 1:
             raise ValueError(f"photoreal_share {self.photoreal_share}: must be above 0 and at most 1")
+        if self.up and not (len(self.up) == 3 and abs(math.hypot(*self.up) - 1) < 0.01):
+            raise ValueError(f"up {self.up}: must be a direction of length 1, as [0, 0, 1]")
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its 
 
 The net looks twice: into a crop around the box, then into one around the keypoints it found there. The first box errs
 as detectors do, and shrinks where the object is half hidden; the second does neither. The second crop is also turned so
-that the object stands upright in it (the keypoints' z axis points up): of the three degrees of freedom of its rotation
-the net need learn but two.
+that the object stands upright in it (an axis of it points up): of the three degrees of freedom of its rotation the net
+need learn but two.
 """
 
 from dataclasses import dataclass, replace
@@ -115,8 +115,8 @@ def transform(affine: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def axis_in_image(keypoints: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Where the z axis of the keypoints' own frame points in the image, `[2]`: `keypoints` are `[N, 2]` pixels,
-    `heights` `[N]` their z coordinates. Its length means nothing by itself."""
+    """Where an axis of the keypoints' own frame points in the image, `[2]`: `keypoints` are `[N, 2]` pixels, `heights`
+    `[N]` their coordinates along it. Its length means nothing by itself."""
     return heights @ (keypoints - keypoints.mean(0))
 
 

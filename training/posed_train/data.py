@@ -34,9 +34,9 @@ class Views:
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
-        # z coordinates of the keypoints, if the net's are where they were placed: it can then be taught to look at them
-        # more closely. The pairwise losses leave their frame to the net.
-        self.heights = self.registration.keypoints[:, 2] if config.loss == "component" else None
+        # The net's keypoints are where they were placed: it can be taught to look at them more closely. The pairwise
+        # losses leave their frame to the net.
+        self.up = self.up_axis(config.up) if config.loss == "component" else None
         self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
 
@@ -49,6 +49,19 @@ class Views:
             if self.all[index].camera_from_object is not None
         ]
         return mean_pose(np.stack(known)) if known else None
+
+    @property
+    def heights(self) -> np.ndarray | None:
+        """Coordinates of the keypoints along `up`, `[N]`, if the net is to look twice."""
+        return None if self.up is None else self.registration.keypoints @ self.up
+
+    def up_axis(self, in_object: list[float]) -> np.ndarray:
+        """What points up in a second look, `[3]` in the keypoints' frame."""
+        if not in_object:
+            return np.array([0.0, 0.0, 1.0])
+        if self.keypoints_from_object is None:
+            raise bop.DatasetError("`up` is in the object's frame, but the dataset states no object poses")
+        return self.keypoints_from_object[:3, :3] @ in_object
 
     def targets(self, indices: list[int]) -> np.ndarray:
         """Where the keypoints are, `[V, S, N, 2]` image pixels: once for each of the S motions under which the object

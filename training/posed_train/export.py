@@ -247,7 +247,7 @@ def export_keypoints(
         **({"symmetries_discrete": symmetries_discrete} if symmetries_discrete else {}),
         "crop_scale": CROP_SCALE,
         "crop_ensemble": [asdict(variant) for variant in CROP_ENSEMBLE],
-        **({"zoom": ZOOM} if views.heights is not None else {}),
+        **({"second_look": {"zoom": ZOOM, "up": views.up.round(9).tolist()}} if views.up is not None else {}),
         "input": {"layout": "nhwc", "dtype": "uint8", "size": net.input_size},
         "output": {"kind": "keypoints"},
         "covariance_scale": scale.round(4).tolist(),

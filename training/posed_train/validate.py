@@ -15,8 +15,8 @@ from .registration import project
 @dataclass(frozen=True)
 class Predictor:
     """A net, wherever it runs. `run` takes crops `[B, S, S, 3]` uint8 and gives keypoints `[B, N, 2]`, covariances
-    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`. `heights` `[N]`, if it was trained to look twice: the keypoints' z
-    coordinates."""
+    `[B, N, 2, 2]` in crop pixels, peaks `[B, N]`. `heights` `[N]`, if it was trained to look twice: the keypoints'
+    coordinates along the axis that points up then."""
 
     size: int
     run: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -25,6 +25,9 @@ class Predictor:
 
 CROP_ENSEMBLE = (Variant(0.95, -10), Variant(), Variant(1.05, 10))
 """The crops that keypoints are averaged over."""
+MAX_DISAGREEMENT = 0.1
+"""Mean distance of two crops' keypoints, of the box's side. One crop of a symmetric object may show other keypoints
+than the next, and be as right; their mean is not."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,16 @@ def look(predictor: Predictor, view: View, image: np.ndarray, box: Square, ensem
     in_image = [square.to_image(found, predictor.size) for square, found in zip(squares, keypoints)]
     back = np.stack([np.linalg.inv(square.crop_from_image(predictor.size))[:2, :2] for square in squares])[:, None]
     covariances = back @ covariances @ back.transpose(0, 1, 3, 2)
-    return Prediction(view, np.mean(in_image, axis=0), covariances.mean(0), peaks.mean(0))
+    agreeing = largest_agreement(np.stack(in_image), MAX_DISAGREEMENT * box.side)
+    return Prediction(view, *(np.mean(np.asarray(of)[agreeing], axis=0) for of in (in_image, covariances, peaks)))
+
+
+def largest_agreement(keypoints: np.ndarray, within: float) -> np.ndarray:
+    """Which of the crops' keypoints `[E, N, 2]` lie about where those of some crop do, `[E]`: of the crop with most
+    company, the first of them."""
+    apart = np.linalg.norm(keypoints[:, None] - keypoints[None], axis=-1).mean(-1)
+    near = apart <= within
+    return near[near.sum(1).argmax()]
 
 
 def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | None:

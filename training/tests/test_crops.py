@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from posed_train.crops import ZOOM, Square, axis_in_image, look_closer
+from posed_train.validate import largest_agreement
 
 PARITY = Path(__file__).parents[2] / "tests" / "data" / "crop_parity"
 
@@ -71,3 +72,12 @@ def test_squares_keep_their_place():
         # Cut from a cut, pixels lie where they lie when cut at once.
         within = square.within(whole, 300)
         np.testing.assert_allclose(within.to_crop(whole.to_crop(at, 300), 128), square.to_crop(at, 128))
+
+
+def test_crops_that_disagree_are_left_out():
+    rng = np.random.default_rng(0)
+    shown, turned = rng.uniform(0, 100, (2, 14, 2))
+    near = [shown + rng.normal(0, 1, (14, 2)) for _ in range(2)]
+    agreeing = largest_agreement(np.stack([turned, *near]), within=10.0)
+    np.testing.assert_array_equal(agreeing, [False, True, True])
+    np.testing.assert_array_equal(largest_agreement(np.stack([turned, shown]), within=10.0), [True, False])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from posed_train import augment, bop, cli, config, data, detector, export, quantize, registration, train
+from posed_train import augment, bop, cli, config, crops, data, detector, export, quantize, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
@@ -34,6 +34,22 @@ def test_keypoints_surround_the_object(rendered):
     centre = placed.placed[0][:3, 3]
     assert np.linalg.norm(centre - views[0].camera_from_object[:3, 3]) < 0.01
     assert 0.05 < placed.size_m < 0.11  # the cube's sides are 54 mm, its diagonal 94
+
+
+def test_the_axis_that_points_up_is_the_objects(rendered):
+    views = data.Views(replace(CUBE, up=[0.6, 0, 0.8]), rendered)
+    tip = 0.001 * np.array([0.6, 0, 0.8])
+    for index, targets in zip(range(6), views.targets(list(range(6)))):
+        view = views.all[index]
+        (start,), (end,) = (
+            registration.project(view.camera_matrix[None], view.camera_from_object[None], point[None])[0][None]
+            for point in (-tip, tip)
+        )
+        expected, found = (end - start)[0], crops.axis_in_image(targets[0], views.heights)
+        lean = np.degrees(np.arccos(expected @ found / np.linalg.norm(expected) / np.linalg.norm(found)))
+        assert lean < 6, "but for perspective"
+    with pytest.raises(ValueError, match="length 1"):
+        replace(CUBE, up=[1, 1, 0])
 
 
 def test_missing_files_are_named(tmp_path):
@@ -73,6 +89,7 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     export.export_keypoints(net, views, out, identity, {})
     manifest = json.loads((out / "object.json").read_text())
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
+    assert manifest["second_look"]["up"] == [0, 0, 1]
     assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0
     crops = np.zeros((3, 128, 128, 3), np.uint8)
     keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx").run(crops)

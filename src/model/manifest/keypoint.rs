@@ -33,12 +33,11 @@ pub struct KeypointManifest {
     /// default.
     #[serde(default = "one_crop")]
     pub crop_ensemble: Vec<CropVariant>,
-    /// If given, a first crop is cut around the detection box, and the ensemble's around the keypoints found there: the
-    /// side of their box over the root mean square distance of the keypoints from their centre, turned so that the z
-    /// axis of frame `keypoints` points up. A network that was trained with such crops need not know the many ways in
-    /// which detection boxes err, or shrink where the object is half hidden, nor the object's rotation in the image.
+    /// If given, a first crop is cut around the detection box, and the ensemble's around the keypoints found there. A
+    /// network that was trained with such crops need not know the many ways in which detection boxes err, or shrink where
+    /// the object is half hidden, nor how the camera was rolled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub zoom: Option<f64>,
+    pub second_look: Option<SecondLook>,
     pub input: KeypointInput,
     pub output: KeypointOutput,
     /// One factor for each keypoint: the network's covariance times this is the true one on held-out images.
@@ -46,6 +45,16 @@ pub struct KeypointManifest {
     /// Where the network comes from; for people.
     #[serde(default)]
     pub training: serde_json::Value,
+}
+
+/// Where the second crops lie among the keypoints of the first.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SecondLook {
+    /// Side of the box over the root mean square distance of the keypoints from their centre.
+    pub zoom: f64,
+    /// A direction of frame `keypoints`, which points up in the crops.
+    pub up: [f64; 3],
 }
 
 /// A crop beside others of the same place.
@@ -158,8 +167,13 @@ impl KeypointManifest {
             let problem = "give 1 to 8 crops, `scale` between 0.5 and 2, `turn_deg` between -180 and 180";
             return Err(("crop_ensemble", problem.into()));
         }
-        if let Some(zoom) = self.zoom.filter(|zoom| !(1.0..=10.0).contains(zoom)) {
-            return Err(("zoom", format!("is {zoom}; it must lie between 1 and 10")));
+        if let Some(SecondLook { zoom, up }) = self.second_look {
+            if !(1.0..=10.0).contains(&zoom) {
+                return Err(("second_look.zoom", format!("is {zoom}; it must lie between 1 and 10")));
+            }
+            if !(0.99..=1.01).contains(&Vector3::from(up).norm()) {
+                return Err(("second_look.up", format!("is {up:?}; give a direction of length 1")));
+            }
         }
         if !(16..=1024).contains(&self.input.size) {
             return Err(("input.size", format!("is {}; it must lie between 16 and 1024", self.input.size)));

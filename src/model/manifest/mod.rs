@@ -13,7 +13,7 @@ use thiserror::Error;
 
 pub use detector::{DetectorFormat, DetectorInput, DetectorManifest, Placement};
 pub use input::{ElementType, Layout, Normalisation};
-pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput};
+pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput, SecondLook};
 
 /// A model folder that cannot be used. Every message names the file, and the field where there is one.
 #[derive(Debug, Error)]
