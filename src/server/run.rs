@@ -6,6 +6,8 @@ use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tonic::transport::server::TcpIncoming;
+use tonic_health::ServingStatus;
+use tonic_health::server::HealthReporter;
 
 use super::admin::{self, Admin};
 use super::grpc::PoseServiceServer;
@@ -64,8 +66,8 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     };
     let http = axum::serve(http_listener, http::router(app.clone())).with_graceful_shutdown(stopped(stopping.clone()));
     let http = tokio::spawn(async move { http.await.map_err(|error| failed("HTTP", &error)) });
-    let grpc = serve_grpc(&app, &admin, grpc_listener, stopping)?;
-    admin.set_ready(app);
+    admin.set_ready(app.clone());
+    let grpc = serve_grpc(&app, &admin, grpc_listener, stopping).await?;
     tracing::info!("ready after {:.1} s", start.elapsed().as_secs_f64());
 
     let servers = async { tokio::try_join!(flat(http), flat(grpc)) };
@@ -123,7 +125,7 @@ fn load(config: Config) -> Result<App, ServeError> {
 
 type Ending = tokio::task::JoinHandle<Result<(), ServeError>>;
 
-fn serve_grpc(
+async fn serve_grpc(
     app: &App,
     admin: &Admin,
     listener: TcpListener,
@@ -139,20 +141,25 @@ fn serve_grpc(
         .add_service(reflection)
         .add_service(grpc::service(app.clone(), stopping.clone()))
         .serve_with_incoming_shutdown(TcpIncoming::from(listener), stopped(stopping));
-    tokio::spawn(report_health(admin.clone(), health));
+    // Before the first call can ask: else it may hear of a service that is not up for as long as HEALTH_INTERVAL.
+    report_health(admin, &health).await;
+    tokio::spawn(keep_reporting_health(admin.clone(), health));
     Ok(tokio::spawn(async move { server.await.map_err(|error| failed("gRPC", &error)) }))
 }
 
 /// Keeps the gRPC health service at what the probes say, until the program ends.
-async fn report_health(admin: Admin, health: tonic_health::server::HealthReporter) {
-    use tonic_health::ServingStatus::{NotServing, Serving};
-    let name = <PoseServiceServer<grpc::Service> as tonic::server::NamedService>::NAME;
+async fn keep_reporting_health(admin: Admin, health: HealthReporter) {
     loop {
-        let status = if admin.readiness().is_ok() { Serving } else { NotServing };
-        for service in ["", name] {
-            health.set_service_status(service, status).await;
-        }
         tokio::time::sleep(HEALTH_INTERVAL).await;
+        report_health(&admin, &health).await;
+    }
+}
+
+async fn report_health(admin: &Admin, health: &HealthReporter) {
+    let status = if admin.readiness().is_ok() { ServingStatus::Serving } else { ServingStatus::NotServing };
+    let name = <PoseServiceServer<grpc::Service> as tonic::server::NamedService>::NAME;
+    for service in ["", name] {
+        health.set_service_status(service, status).await;
     }
 }
 
