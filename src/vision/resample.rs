@@ -95,13 +95,10 @@ pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Resu
     let scale = (f64::from(width) / from.x).min(f64::from(height) / from.y);
     let inner_width = ((from.x * scale).round() as u32).clamp(1, width);
     let inner_height = ((from.y * scale).round() as u32).clamp(1, height);
-    let source = ImageRef::new(image.width(), image.height(), image.as_raw(), PixelType::U8x3)?;
-    let mut inner = Image::new(inner_width, inner_height, PixelType::U8x3);
-    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
-    resizer.resize(&source, &mut inner, &options)?;
+    let inner = resize(resizer, image, (inner_width, inner_height), ResizeOptions::new())?;
     let (left, top) = if centred { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
     let mut rgb = vec![fill; 3 * width as usize * height as usize];
-    for (row, line) in inner.buffer().chunks_exact(3 * inner_width as usize).enumerate() {
+    for (row, line) in inner.chunks_exact(3 * inner_width as usize).enumerate() {
         let start = 3 * ((row + top as usize) * width as usize + left as usize);
         rgb[start..start + line.len()].copy_from_slice(line);
     }
@@ -114,19 +111,33 @@ pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Resu
     Ok(Resampled { rgb, crop_from_image })
 }
 
+/// Bilinear, antialiased when shrinking; `region` says which part of the image.
+pub(super) fn resize(
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    (width, height): (u32, u32),
+    region: ResizeOptions,
+) -> Result<Vec<u8>, ResampleError> {
+    let source = ImageRef::new(image.width(), image.height(), image.as_raw(), PixelType::U8x3)?;
+    let mut target = Image::new(width, height, PixelType::U8x3);
+    let options = region.resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
+    resizer.resize(&source, &mut target, &options)?;
+    Ok(target.into_vec())
+}
+
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     #![allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "small test images; exact values")]
 
     use super::*;
     use image::Rgb;
 
     /// A picture whose colour says where it is.
-    fn map(width: u32, height: u32) -> RgbImage {
+    pub(in crate::vision) fn map(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| Rgb([x as u8, y as u8, 77]))
     }
 
-    fn pixel(resampled: &Resampled, width: u32, x: u32, y: u32) -> [u8; 3] {
+    pub(in crate::vision) fn pixel(resampled: &Resampled, width: u32, x: u32, y: u32) -> [u8; 3] {
         let at = 3 * (y * width + x) as usize;
         resampled.rgb[at..at + 3].try_into().unwrap()
     }

@@ -1,4 +1,4 @@
-"""Square crops around boxes. The service cuts them alike (`src/vision/resample.rs`); parity tests hold both to it.
+"""Square crops around boxes. The service cuts them alike (`src/vision/crop.rs`); parity tests hold both to it.
 
 A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its map to pixels is the affine
 `crop_from_image`: pixel centres are at integer coordinates, so the square's left edge lies at `x - 0.5`.
