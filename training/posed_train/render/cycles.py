@@ -19,6 +19,8 @@ SAMPLES = 4
 BOUNCES = 4
 INDEX_STEP = 16
 """Between the grey values by which objects are told apart in an 8-bit image."""
+ALIKE_SHARE = 0.3
+"""Of the surfaces around the objects: partly in the colour of one of them, which hides its outline."""
 TEXTURES = ("Noise", "Voronoi", "Brick", "Checker", "Wave", "Magic")
 
 
@@ -38,6 +40,7 @@ class Cycles:
         for thing in (self.camera, *self.objects):
             self.add(thing)
         self.photo.camera = self.masks.camera = self.camera
+        self.palette = [linear(part.colour) for item in objects for part in item.parts]
         self.kept = set(bpy.data.objects), set(bpy.data.materials), set(bpy.data.meshes)
 
     def add(self, thing: bpy.types.Object) -> None:
@@ -50,15 +53,22 @@ class Cycles:
         light_world(self.photo, rng)
         for light in layout.lights:
             self.photo.collection.objects.link(new_light(light, rng))
-        self.add(plane("table", layout.table_half_m, Matrix(), rng))
-        self.add(plane("floor", 15, Matrix.Translation((0, 0, layout.floor_z)), rng))
+        self.add(plane("table", layout.table_half_m, Matrix(), self.random_material()))
+        self.add(plane("floor", 15, Matrix.Translation((0, 0, layout.floor_z)), self.random_material()))
         for wall in layout.walls:
-            self.add(plane("wall", 4, world_from_wall(wall), rng))
+            self.add(plane("wall", 4, world_from_wall(wall), self.random_material()))
         for clutter in layout.clutter:
-            self.add(new_clutter(clutter, rng))
+            self.add(new_clutter(clutter, self.random_material()))
         for thing, pose in zip(self.objects, layout.world_from_object):
             thing.matrix_world = Matrix(pose.tolist())
             vary_finish(thing, rng)
+
+    def random_material(self) -> bpy.types.Material:
+        rng = self.rng
+        first, second = (random_colour(rng) ** 1.5 for _ in range(2))
+        if rng.random() < ALIKE_SHARE:
+            first = worn(self.palette[rng.integers(len(self.palette))], rng)
+        return random_material(first, second, rng)
 
     def clear(self) -> None:
         """Removes what the last scene added."""
@@ -199,10 +209,12 @@ def vary_finish(thing: bpy.types.Object, rng: np.random.Generator) -> None:
     brightness = rng.uniform(0.75, 1.25)
     for material in thing.data.materials:
         shader = material.node_tree.nodes["Principled BSDF"].inputs
-        own = np.array(material["colour"])
-        tint = np.clip(own * brightness * rng.uniform(0.88, 1.12, 3) + rng.uniform(0, 0.012), 0, 1)
-        shader["Base Color"].default_value = (*tint, 1)
+        shader["Base Color"].default_value = (*worn(np.array(material["colour"]) * brightness, rng), 1)
         shader["Roughness"].default_value = rng.uniform(0.15, 0.65)
+
+
+def worn(colour: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.clip(colour * rng.uniform(0.88, 1.12, 3) + rng.uniform(0, 0.012), 0, 1)
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:
@@ -218,12 +230,11 @@ def new_material(name: str):
     return material, shader.inputs
 
 
-def random_material(rng: np.random.Generator) -> bpy.types.Material:
+def random_material(first: np.ndarray, second: np.ndarray, rng: np.random.Generator) -> bpy.types.Material:
     """Plain, or a procedural texture between two colours."""
     material, shader = new_material("random")
     shader["Roughness"].default_value = rng.uniform(0.15, 0.95)
     shader["Metallic"].default_value = float(rng.random() < 0.15)
-    first, second = (random_colour(rng) ** 1.5 for _ in range(2))
     if rng.random() < 0.2:
         shader["Base Color"].default_value = (*first, 1)
         return material
@@ -275,11 +286,11 @@ def new_light(light: Light, rng: np.random.Generator) -> bpy.types.Object:
     return lamp
 
 
-def plane(name: str, half_m: float, pose: Matrix, rng: np.random.Generator) -> bpy.types.Object:
+def plane(name: str, half_m: float, pose: Matrix, material: bpy.types.Material) -> bpy.types.Object:
     corners = [[-half_m, -half_m, 0], [half_m, -half_m, 0], [half_m, half_m, 0], [-half_m, half_m, 0]]
     thing = new_mesh(name, trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False))
     thing.matrix_world = pose
-    thing.data.materials.append(random_material(rng))
+    thing.data.materials.append(material)
     return thing
 
 
@@ -288,7 +299,7 @@ def world_from_wall(wall: Wall) -> Matrix:
     return Matrix.Translation(wall.position) @ turned
 
 
-def new_clutter(clutter: Clutter, rng: np.random.Generator) -> bpy.types.Object:
+def new_clutter(clutter: Clutter, material: bpy.types.Material) -> bpy.types.Object:
     x, y, z = clutter.half_size
     if clutter.shape == "box":
         mesh = trimesh.creation.box(2 * clutter.half_size)
@@ -301,5 +312,5 @@ def new_clutter(clutter: Clutter, rng: np.random.Generator) -> bpy.types.Object:
         mesh.apply_scale([x, y, z])
     thing = new_mesh("clutter", mesh)
     thing.matrix_world = Matrix(clutter.world_from_clutter.tolist())
-    thing.data.materials.append(random_material(rng))
+    thing.data.materials.append(material)
     return thing
