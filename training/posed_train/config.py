@@ -26,6 +26,8 @@ class KeypointConfig:
     symmetries_discrete: list[list[float]] = field(default_factory=list)  # of the object, as in BOP's models_info.json
     up: list[float] = field(default_factory=list)  # of the object's frame: points up in second looks; of a symmetric
     # object best an axis of symmetry. Without it, the z axis of the keypoints' frame.
+    front: list[float] = field(default_factory=list)  # of the object's frame, square to `up`: of the ways to see a
+    # symmetric object, learn the one with this axis towards the camera and `up` upwards, not any.
     loss: str = "component"  # `pairwise` and `registration`: the paper's losses, the latter without consistency
     held_out_scenes: int = 6  # last scenes of `photoreal`, kept for calibrating the covariances
     held_out_every: int = 8  # where there are too few scenes: every so manieth view instead
@@ -42,8 +44,11 @@ class KeypointConfig:
     def __post_init__(self) -> None:
         if not 0 < self.photoreal_share <= 1:
             raise ValueError(f"photoreal_share {self.photoreal_share}: must be above 0 and at most 1")
-        if self.up and not (len(self.up) == 3 and abs(math.hypot(*self.up) - 1) < 0.01):
-            raise ValueError(f"up {self.up}: must be a direction of length 1, as [0, 0, 1]")
+        for name, axis in (("up", self.up), ("front", self.front)):
+            if axis and not (len(axis) == 3 and abs(math.hypot(*axis) - 1) < 0.01):
+                raise ValueError(f"{name} {axis}: must be a direction of length 1, as [0, 0, 1]")
+        if self.front and not (self.up and abs(sum(u * f for u, f in zip(self.up, self.front))) < 0.01):
+            raise ValueError(f"front {self.front}: must be at right angles to `up`, which is {self.up or 'not given'}")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from . import bop
 from .augment import Augmenter
 from .check import MIN_BASELINE_DEG
 from .config import KeypointConfig, splits
-from .crops import Patch, as_matrix, cut_patch
+from .crops import Patch, as_matrix, axis_in_image, cut_patch
 from .network import design
 from .registration import Registration, angles_deg, mean_pose, project, register
 
@@ -36,7 +36,8 @@ class Views:
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
         # The net's keypoints are where they were placed: it can be taught to look at them more closely. The pairwise
         # losses leave their frame to the net.
-        self.up = self.up_axis(config.up) if config.loss == "component" else None
+        self.up = self.direction(config.up, [0.0, 0.0, 1.0]) if config.loss == "component" else None
+        self.front = self.direction(config.front) if config.front and config.loss == "component" else None
         self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
 
@@ -55,12 +56,12 @@ class Views:
         """Coordinates of the keypoints along `up`, `[N]`, if the net is to look twice."""
         return None if self.up is None else self.registration.keypoints @ self.up
 
-    def up_axis(self, in_object: list[float]) -> np.ndarray:
-        """What points up in a second look, `[3]` in the keypoints' frame."""
+    def direction(self, in_object: list[float], otherwise: list[float] | None = None) -> np.ndarray:
+        """A direction of the object's frame, `[3]` in the keypoints'."""
         if not in_object:
-            return np.array([0.0, 0.0, 1.0])
+            return np.array(otherwise)
         if self.keypoints_from_object is None:
-            raise bop.DatasetError("`up` is in the object's frame, but the dataset states no object poses")
+            raise bop.DatasetError("`up` and `front` are in the object's frame, but the dataset states no object poses")
         return self.keypoints_from_object[:3, :3] @ in_object
 
     def targets(self, indices: list[int]) -> np.ndarray:
@@ -70,6 +71,20 @@ class Views:
         poses = np.stack([self.registration.placed[index] for index in indices])
         alike = [project(cameras, poses @ motion, self.registration.keypoints) for motion in self.motions]
         return np.stack(alike, axis=1)
+
+    def targets_in_front(self, indices: list[int]) -> np.ndarray:
+        """Of the targets that differ in where `front` points alone, those where it points to the camera: one for each
+        direction that `up` may have, `[V, S', N, 2]`. All of them where no `front` is given."""
+        targets = self.targets(indices)
+        if self.front is None:
+            return targets
+        poses = np.stack([self.registration.placed[index] for index in indices])
+        turns = self.motions[:, :3, :3]
+        facing = -np.einsum("vi,vij,sj->vs", poses[:, :3, 3], poses[:, :3, :3], turns @ self.front)
+        _, kinds = np.unique((turns @ self.up).round(3), axis=0, return_inverse=True)
+        alike = [np.flatnonzero(kinds.ravel() == kind) for kind in range(kinds.max() + 1)]
+        chosen = np.stack([motions[facing[:, motions].argmax(1)] for motions in alike], axis=1)
+        return np.take_along_axis(targets, chosen[..., None, None], axis=1)
 
 
 def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndarray | None) -> np.ndarray:
@@ -117,19 +132,27 @@ class Data:
         self.cut.update(new)
         if not new:
             return
-        targets = zip(new, self.views.targets(new))
+        targets = zip(new, self.views.targets_in_front(new))
         for index, keypoints in tqdm(targets, f"{self.config.name}: cutting crops", len(new), mininterval=5):
             pool = self.photoreal if index < self.views.photoreal_count else self.rasterised
             pool.append(cut_patch(self.views.all[index], keypoints, self.input_size, self.config.masks))
 
     def batch(self, size: int, augment: Augmenter, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """Crops `[B, 3, S, S]` and keypoints `[B, symmetries, N, 2]` in crop pixels."""
+        """Crops `[B, 3, S, S]` and keypoints `[B, symmetries, N, 2]` in crop pixels: of all places that a symmetric
+        object leaves open, or, where a `front` is given, of the one that is to be learned."""
         photoreal = round(size * self.config.photoreal_share) if self.rasterised else size
         pools = [self.photoreal] * photoreal + [self.rasterised] * (size - photoreal)
         samples = [pool[rng.integers(len(pool))] for pool in pools]
         crops, affines = zip(*(augment(sample) for sample in samples))
         keypoints = [sample.keypoints @ a[:, :2].T + a[:, 2] for sample, a in zip(samples, affines)]
+        if self.views.front is not None:
+            keypoints = [most_upright(alike, self.views.heights)[None] for alike in keypoints]
         return to_images(crops), torch.from_numpy(np.stack(keypoints)).float()
+
+
+def most_upright(alike: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Of equivalent keypoints `[S, N, 2]` those whose axis points most upwards, `[N, 2]`."""
+    return min(alike, key=lambda keypoints: axis_in_image(keypoints, heights)[1])
 
 
 @dataclass(frozen=True)

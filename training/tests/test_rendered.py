@@ -38,18 +38,34 @@ def test_keypoints_surround_the_object(rendered):
 
 def test_the_axis_that_points_up_is_the_objects(rendered):
     views = data.Views(replace(CUBE, up=[0.6, 0, 0.8]), rendered)
-    tip = 0.001 * np.array([0.6, 0, 0.8])
-    for index, targets in zip(range(6), views.targets(list(range(6)))):
-        view = views.all[index]
-        (start,), (end,) = (
-            registration.project(view.camera_matrix[None], view.camera_from_object[None], point[None])[0][None]
-            for point in (-tip, tip)
-        )
-        expected, found = (end - start)[0], crops.axis_in_image(targets[0], views.heights)
+    ends = 0.001 * np.outer([-1, 1], [0.6, 0, 0.8])
+    for view, targets in zip(views.all, views.targets(list(range(6)))):
+        ((start, end),) = registration.project(view.camera_matrix[None], view.camera_from_object[None], ends)
+        expected, found = end - start, crops.axis_in_image(targets[0], views.heights)
         lean = np.degrees(np.arccos(expected @ found / np.linalg.norm(expected) / np.linalg.norm(found)))
         assert lean < 6, "but for perspective"
     with pytest.raises(ValueError, match="length 1"):
         replace(CUBE, up=[1, 1, 0])
+
+
+def test_of_equal_orientations_the_upright_one_is_learned_whose_front_is_seen(rendered):
+    half_turns = [np.diag([*signs, 1]).ravel().tolist() for signs in ([1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
+    settings = replace(CUBE, symmetries_discrete=half_turns, up=[1, 0, 0], front=[0, 0, 1])
+    views = data.Views(settings, rendered)
+    indices = list(range(6))
+    for view, both in zip(views.all, views.targets_in_front(indices)):
+        axes = [crops.axis_in_image(one, views.heights) for one in both]
+        assert len(axes) == 2 and axes[0] @ axes[1] < 0
+        for one in both:
+            _, rvec, tvec = cv2.solvePnP(views.registration.keypoints, one, view.camera_matrix, None)
+            assert (cv2.Rodrigues(rvec)[0] @ views.front) @ tvec < 0
+    rng = np.random.default_rng(2)
+    whole = data.Data(settings, rendered, views)
+    _, learned = whole.batch(20, augment.Augmenter([], rng, whole.input_size, views.heights), rng)
+    assert learned.shape[:2] == (20, 1)
+    assert all(crops.axis_in_image(one.numpy(), views.heights)[1] <= 0 for one in learned[:, 0])
+    with pytest.raises(ValueError, match="right angles"):
+        replace(settings, front=[0.8, 0, 0.6])
 
 
 def test_missing_files_are_named(tmp_path):
