@@ -1,7 +1,8 @@
 """Networks to ONNX, with pre- and post-processing inside the graph: raw 8-bit RGB in, a few numbers out.
 
-Weights are stored as 16-bit floats (a Cast follows each; ONNX Runtime folds it when it loads the file), so they are
-rounded to that precision before anything is measured.
+Weights are stored in 8 bits, with one scale for each output channel (a Cast and a Mul follow; ONNX Runtime folds them
+when it loads the file, and computes in 32-bit floats), so they are rounded to that precision before anything is
+measured. It moves keypoints by a tenth of a pixel.
 """
 
 import hashlib
@@ -27,7 +28,7 @@ from .network import KeypointNet
 from .validate import CROP_ENSEMBLE, Predictor, predict_views
 
 OPSET = 18
-MIN_STORED_AS_HALF = 1024  # elements: small tensors keep full precision
+MIN_STORED_AS_BYTES = 1024  # elements: small tensors keep full precision
 PARITY_TOLERANCE_PX = 0.02
 PARITY_CROPS = 3
 
@@ -75,12 +76,23 @@ class DetectorExport(nn.Module):
         return boxes, scores.transpose(1, 2)
 
 
-def round_to_half(module: nn.Module) -> None:
-    """Rounds the weights that will be stored as 16-bit floats."""
+def to_bytes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The integers -127..127 `[O, ...]` and scales `[O, 1, ...]` whose products are nearest to these weights.
+
+    Scales have 12 significant bits, so that the products are exact and are turned into the same integers again."""
+    peaks = np.abs(values).max(axis=tuple(range(1, values.ndim)), keepdims=True)
+    mantissas, exponents = np.frexp(np.where(peaks > 0, peaks / 127, 1))
+    scales = np.ldexp(np.round(mantissas * 2**12) / 2**12, exponents).astype(np.float32)
+    return np.clip(np.round(values / scales), -127, 127).astype(np.int8), scales
+
+
+def round_to_bytes(module: nn.Module) -> None:
+    """Rounds the weights that will be stored in 8 bits."""
     with torch.no_grad():
         for value in module.parameters():
-            if value.numel() >= MIN_STORED_AS_HALF:
-                value.copy_(value.half().float())
+            if value.numel() >= MIN_STORED_AS_BYTES:
+                integers, scales = to_bytes(value.numpy())
+                value.copy_(torch.from_numpy(integers * scales))
 
 
 def fold_batch_norms(module: nn.Module) -> None:
@@ -107,24 +119,28 @@ def to_onnx(module: nn.Module, example: Tensor, outputs: list[str], dynamic_batc
         dynamic_shapes=({0: batch},) if dynamic_batch else None,
         verbose=False,
     )
-    return store_as_half(program.model_proto)
+    return store_as_bytes(program.model_proto)
 
 
-def store_as_half(model: onnx.ModelProto) -> onnx.ModelProto:
-    casts = []
+def store_as_bytes(model: onnx.ModelProto) -> onnx.ModelProto:
+    scaled, all_scales = [], []
     for weight in model.graph.initializer:
-        if weight.data_type != TensorProto.FLOAT or np.prod(weight.dims) < MIN_STORED_AS_HALF:
+        if weight.data_type != TensorProto.FLOAT or np.prod(weight.dims) < MIN_STORED_AS_BYTES:
             continue
         values = numpy_helper.to_array(weight)
-        half = values.astype(np.float16)
-        if not np.array_equal(half.astype(np.float32), values):
+        integers, scales = to_bytes(values)
+        if not np.array_equal(integers * scales, values):
             continue  # not one of the rounded weights
         name = weight.name
-        weight.CopyFrom(numpy_helper.from_array(half, name + "_half"))
-        casts.append(helper.make_node("Cast", [name + "_half"], [name], to=TensorProto.FLOAT))
+        stored, whole, scale = (f"{name}_{part}" for part in ("integers", "whole", "scale"))
+        weight.CopyFrom(numpy_helper.from_array(integers, stored))
+        all_scales.append(numpy_helper.from_array(scales, scale))
+        scaled.append(helper.make_node("Cast", [stored], [whole], to=TensorProto.FLOAT))
+        scaled.append(helper.make_node("Mul", [whole, scale], [name]))
+    model.graph.initializer.extend(all_scales)
     nodes = list(model.graph.node)
     del model.graph.node[:]
-    model.graph.node.extend(casts + nodes)
+    model.graph.node.extend(scaled + nodes)
     del model.graph.value_info[:]
     del model.metadata_props[:]
     for node in model.graph.node:
@@ -230,7 +246,7 @@ def export_keypoints(
     out.mkdir(parents=True, exist_ok=True)
     module = KeypointExport(net)
     fold_batch_norms(module)
-    round_to_half(module)
+    round_to_bytes(module)
     example = torch.randint(0, 256, (2, net.input_size, net.input_size, 3), dtype=torch.uint8)
     path = out / "keypoints.onnx"
     onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
@@ -261,7 +277,7 @@ def export_detector(model, labels: list[str], out: Path, training: dict, score_t
     out.mkdir(parents=True, exist_ok=True)
     module = DetectorExport(model)
     fold_batch_norms(module)
-    round_to_half(module)
+    round_to_bytes(module)
     example = torch.randint(0, 256, (1, detector.HEIGHT, detector.WIDTH, 3), dtype=torch.uint8)
     path = out / "detector.onnx"
     onnx.save(append_suppression(to_onnx(module, example, ["boxes", "scores"], dynamic_batch=False)), path)
