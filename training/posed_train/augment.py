@@ -45,7 +45,8 @@ class Augmenter:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
             if self.rng.random() < 0.5 * self.strength:
                 hard = mask.max() > 0.5 and self.rng.random() < CAMOUFLAGE_SHARE
-                background = self.camouflage(crop[mask[..., 0] > 0.5]) if hard else self.random_background()
+                own = crop[mask[..., 0] > 0.5] if hard else None
+                background = self.random_background() if own is None else camouflage(own, crop.shape[:2], self.rng)
                 crop = crop * mask + background * (1 - mask)
         if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)
@@ -84,20 +85,6 @@ class Augmenter:
         left = self.rng.integers(image.shape[1] - side + 1)
         cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
         return cut[:, ::-1] if self.rng.random() < 0.5 else cut
-
-    def camouflage(self, own: np.ndarray) -> np.ndarray:
-        """Stripes or checks of a colour of the object, whose pixels `own` `[P, 3]` are, and another, often its own."""
-        rng = self.rng
-        first, second = own[rng.integers(len(own), size=2)] + rng.normal(0, 12, (2, 3))
-        if rng.random() < 0.6:
-            second = rng.uniform(0, 255, 3)
-        turn, period = rng.uniform(-np.pi, np.pi), rng.uniform(4, 40)
-        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) / period
-        cells = np.floor(np.indices((self.size, self.size)).T @ axes.T + rng.uniform(0, 2, 2)).sum(-1) % 2
-        if rng.random() < 0.4:
-            cells = np.floor(np.indices((self.size, self.size)).T @ axes[0]) % 2
-        cells = cv2.GaussianBlur(cells, (0, 0), 0.6)[..., None]
-        return first + (second - first) * cells
 
     def half_hide(self, patch: Patch) -> Patch:
         """Puts a foreign plate before one side of the object. Its box shrinks, as it does where real things hide it."""
@@ -151,6 +138,20 @@ class Augmenter:
         if rng.random() < 0.5 * s:
             crop = crop + rng.uniform(1, 10) * rng.standard_normal(crop.shape, np.float32)
         return crop
+
+
+def camouflage(own: np.ndarray, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Stripes or checks `[*shape, 3]` of a colour of the object, whose pixels are `own` `[P, 3]`, and another colour,
+    often one of its own, too."""
+    first, second = own[rng.integers(len(own), size=2)] + rng.normal(0, 12, (2, 3))
+    if rng.random() < 0.6:
+        second = rng.uniform(0, 255, 3)
+    turn, period = rng.uniform(-np.pi, np.pi), rng.uniform(4, 40)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) / period
+    cells = np.floor(np.moveaxis(np.indices(shape), 0, -1) @ axes.T + rng.uniform(0, 2, 2))
+    both = cells.sum(-1) if rng.random() < 0.6 else cells[..., 0]
+    mix = cv2.GaussianBlur(both % 2, (0, 0), 0.6)[..., None]
+    return first + (second - first) * mix
 
 
 def truncated_normal(rng: np.random.Generator, sigma: float) -> float:

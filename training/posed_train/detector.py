@@ -21,6 +21,7 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop, optimise
+from .augment import camouflage
 from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
@@ -34,6 +35,10 @@ VALIDATE_EVERY = 1000
 MIN_VISIBLE = 0.2
 MIN_BOX_PX = 6  # in the network's input
 MIN_BACKGROUND_PX = 128
+PASTED_SHARE = 0.4
+"""Of the images: shown on another background."""
+CAMOUFLAGE_SHARE = 0.5
+"""Of these: in the colours of one of the objects."""
 
 
 class Backbone(nn.Module):
@@ -108,8 +113,11 @@ def read_samples(split: Path, obj_ids: list[int]) -> list[Sample]:
 
 def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Generator) -> Sample:
     image = sample.image
-    if backgrounds and rng.random() < 0.3:
+    if backgrounds and sample.objects.any() and rng.random() < PASTED_SHARE:
         background = cv2.resize(backgrounds[rng.integers(len(backgrounds))], (WIDTH, HEIGHT))
+        own = colours_of_one(sample, rng) if rng.random() < CAMOUFLAGE_SHARE else []
+        if len(own):
+            background = camouflage(own, (HEIGHT, WIDTH), rng)
         mask = sample.objects[..., None].astype(np.float32) / 255
         image = (image * mask + background * (1 - mask)).astype(np.uint8)
     scale = np.exp(rng.uniform(np.log(0.6), np.log(1.7)))
@@ -136,6 +144,12 @@ def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Genera
     if rng.random() < 0.4:
         pixels = pixels + rng.uniform(1, 8) * rng.standard_normal(pixels.shape, np.float32)
     return Sample(np.clip(pixels, 0, 255).astype(np.uint8), sample.objects, boxes[keep], sample.labels[keep])
+
+
+def colours_of_one(sample: Sample, rng: np.random.Generator) -> np.ndarray:
+    """The pixels `[P, 3]` of one of the objects, and what covers it within its box."""
+    x1, y1, x2, y2 = sample.boxes[rng.integers(len(sample.boxes))].round().astype(int)
+    return sample.image[y1:y2, x1:x2][sample.objects[y1:y2, x1:x2] > 127]
 
 
 def to_tensor(images: list[np.ndarray]) -> Tensor:
