@@ -15,7 +15,7 @@ BOX_NOISE = 0.08, 0.05
 ZOOM_NOISE = 0.04, 0.03
 TURN_NOISE = 0.1
 """Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
-CAMOUFLAGE_SHARE = 0.3
+CAMOUFLAGE_SHARE = 0.5
 """Of the pasted backgrounds: in the object's own colours."""
 # Standard deviations of a crop's rotation.
 BOX_TURN_DEG, ZOOM_TURN_DEG = 25.0, 8.0

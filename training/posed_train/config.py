@@ -14,7 +14,7 @@ class KeypointConfig:
     name: str
     obj_id: int
     photoreal: str | list[str]  # BOP splits
-    rasterised: str = ""  # BOP split of fast renders; may be left out
+    rasterised: str | list[str] = ""  # BOP splits of fast renders; may be left out
     validation: str = ""
     models: str = ""  # BOP models folder: for scores only
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
@@ -58,7 +58,7 @@ class DetectorConfig:
     labels: list[str]
     obj_ids: list[int]
     photoreal: str | list[str]  # half of every batch
-    rasterised: str
+    rasterised: str | list[str]
     validation: str
     backgrounds: str = ""
     steps: int = 3000
@@ -69,8 +69,8 @@ class DetectorConfig:
 
 
 def splits(setting: str | list[str]) -> list[str]:
-    """One BOP split or several, as a list."""
-    return [setting] if isinstance(setting, str) else setting
+    """The BOP splits of a setting: one, several, or none ("")."""
+    return [setting] if setting and isinstance(setting, str) else list(setting)
 
 
 Config = TypeVar("Config", KeypointConfig, DetectorConfig)

@@ -18,6 +18,7 @@ from .network import design
 from .registration import Registration, angles_deg, mean_pose, project, register
 
 MAX_BACKGROUND_PX = 360
+MIN_RASTERISED_PX = 28
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
@@ -26,11 +27,7 @@ class Views:
 
     def __init__(self, config: KeypointConfig, root: Path):
         photoreal = read_photoreal(config, root)
-        rasterised = (
-            bop.read_views(root / config.rasterised, config.obj_id, config.min_visible, min_box_px=28)
-            if config.rasterised
-            else []
-        )
+        rasterised = read_rasterised(config, root)
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
@@ -101,6 +98,14 @@ def read_photoreal(config: KeypointConfig, root: Path) -> list[bop.View]:
         view
         for split in splits(config.photoreal)
         for view in bop.read_views(root / split, config.obj_id, config.min_visible)
+    ]
+
+
+def read_rasterised(config: KeypointConfig, root: Path) -> list[bop.View]:
+    return [
+        view
+        for split in splits(config.rasterised)
+        for view in bop.read_views(root / split, config.obj_id, config.min_visible, MIN_RASTERISED_PX)
     ]
 
 

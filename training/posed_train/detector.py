@@ -1,6 +1,6 @@
 """The detector: torchvision's FCOS with a small backbone, trained on the same BOP images as the keypoint nets.
 
-Input is the image fitted into 320 x 256 at the top left (`letterbox`), as the service does it.
+Input is the image fitted into 448 x 352 at the top left (`letterbox`), as the service does it.
 """
 
 import csv
@@ -26,7 +26,7 @@ from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
 
-WIDTH, HEIGHT = 320, 256  # multiples of the deepest stride, so that training pads nothing
+WIDTH, HEIGHT = 448, 352  # multiples of the deepest stride, so that training pads nothing
 FILL = 114
 FEATURES = 64
 STRIDES = (8, 16)

@@ -12,6 +12,7 @@ import trimesh
 
 from posed_train import bop, cli, registration
 from posed_train.render.dataset import render_dataset
+from posed_train.render.objects import load_objects
 from posed_train.render.rasteriser import Rasteriser
 from tests.conftest import MODELS
 
@@ -59,6 +60,25 @@ def test_a_stopped_run_goes_on(rendered, tmp_path):
     assert json.loads(unfinished.read_text()) == before
 
 
+def test_camouflage_has_the_objects_colours(tmp_path):
+    """Hues around the objects come near to theirs; where things stand does not change."""
+    parts = [part.colour for item in load_objects(MODELS) for part in item.parts]
+    chromaticity = lambda rgb: rgb / rgb.sum(-1, keepdims=True)  # noqa: E731
+    own, far, poses = chromaticity(np.array(parts)), {}, {}
+    for share in (0.0, 1.0):
+        split = tmp_path / str(share)
+        render_dataset(Rasteriser, MODELS, split, scenes=4, views=1, camouflage=share)
+        distances = []
+        for scene in sorted(split.iterdir()):
+            masks = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (scene / "mask_visib").iterdir()]
+            image = bop.read_rgb(scene / "rgb/000000.jpg")
+            around = chromaticity(image[(np.max(masks, axis=0) == 0) & (image.min(-1) > 8)][::50].astype(float))
+            distances.append(np.linalg.norm(around[:, None] - own, axis=-1).min(1).mean())
+        far[share], poses[share] = np.mean(distances), (split / "000000/scene_gt.json").read_text()
+    assert far[1.0] < 0.8 * far[0.0]
+    assert poses[0.0] == poses[1.0]
+
+
 def test_refuses_models_that_it_cannot_render(tmp_path):
     with pytest.raises(ValueError, match="no obj_"):
         render_dataset(Rasteriser, tmp_path, tmp_path / "train", scenes=1, views=1)
@@ -66,3 +86,5 @@ def test_refuses_models_that_it_cannot_render(tmp_path):
     (tmp_path / "models" / "metallic.json").write_text('{"2": {"#ff00ff": 1}}')
     with pytest.raises(ValueError, match="#ff00ff"):
         render_dataset(Rasteriser, tmp_path / "models", tmp_path / "train", scenes=1, views=1)
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        render_dataset(Rasteriser, MODELS, tmp_path / "train", scenes=1, views=1, camouflage=30)

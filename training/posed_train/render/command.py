@@ -14,6 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=520)
     parser.add_argument("--views", type=int, default=6)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene, to split work over processes")
+    parser.add_argument(
+        "--camouflage", type=float, default=0.0, help="share of things around the objects in a colour of one of them"
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -22,7 +25,8 @@ def run(arguments: argparse.Namespace) -> None:
         from .cycles import Cycles as engine
     else:
         from .rasteriser import Rasteriser as engine
-    render_dataset(engine, arguments.models, arguments.out, arguments.scenes, arguments.views, arguments.first)
+    a = arguments
+    render_dataset(engine, a.models, a.out, a.scenes, a.views, a.first, a.camouflage)
 
 
 if __name__ == "__main__":

@@ -12,24 +12,35 @@ import numpy as np
 import trimesh
 from mathutils import Matrix, Vector
 
-from .layout import FOCAL_PX, HEIGHT, WIDTH, Camera, Clutter, Layout, Light, Wall, random_colour, random_tint
+from .layout import (
+    FOCAL_PX,
+    HEIGHT,
+    WIDTH,
+    Camera,
+    Camouflage,
+    Clutter,
+    Layout,
+    Light,
+    Wall,
+    random_colour,
+    random_tint,
+)
 from .objects import ObjectMesh, Part
 
 SAMPLES = 4
 BOUNCES = 4
 INDEX_STEP = 16
 """Between the grey values by which objects are told apart in an 8-bit image."""
-ALIKE_SHARE = 0.3
-"""Of the surfaces around the objects: partly in the colour of one of them, which hides its outline."""
 TEXTURES = ("Noise", "Voronoi", "Brick", "Checker", "Wave", "Magic")
 
 
 class Cycles:
     tumbled = 0.0
 
-    def __init__(self, objects: list[ObjectMesh]):
+    def __init__(self, objects: list[ObjectMesh], camouflage: Camouflage):
         if len(objects) > 255 // INDEX_STEP:
             raise ValueError(f"{len(objects)} objects; their masks hold at most {255 // INDEX_STEP}")
+        self.camouflage = camouflage
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.folder = tempfile.TemporaryDirectory()
         self.picture = Path(self.folder.name) / "picture.png"
@@ -40,7 +51,6 @@ class Cycles:
         for thing in (self.camera, *self.objects):
             self.add(thing)
         self.photo.camera = self.masks.camera = self.camera
-        self.palette = [linear(part.colour) for item in objects for part in item.parts]
         self.kept = set(bpy.data.objects), set(bpy.data.materials), set(bpy.data.meshes)
 
     def add(self, thing: bpy.types.Object) -> None:
@@ -64,11 +74,7 @@ class Cycles:
             vary_finish(thing, rng)
 
     def random_material(self) -> bpy.types.Material:
-        rng = self.rng
-        first, second = (random_colour(rng) ** 1.5 for _ in range(2))
-        if rng.random() < ALIKE_SHARE:
-            first = worn(self.palette[rng.integers(len(self.palette))], rng)
-        return random_material(first, second, rng)
+        return random_material(self.rng, self.camouflage.colour(self.rng))
 
     def clear(self) -> None:
         """Removes what the last scene added."""
@@ -209,12 +215,10 @@ def vary_finish(thing: bpy.types.Object, rng: np.random.Generator) -> None:
     brightness = rng.uniform(0.75, 1.25)
     for material in thing.data.materials:
         shader = material.node_tree.nodes["Principled BSDF"].inputs
-        shader["Base Color"].default_value = (*worn(np.array(material["colour"]) * brightness, rng), 1)
+        own = np.array(material["colour"])
+        tint = np.clip(own * brightness * rng.uniform(0.88, 1.12, 3) + rng.uniform(0, 0.012), 0, 1)
+        shader["Base Color"].default_value = (*tint, 1)
         shader["Roughness"].default_value = rng.uniform(0.15, 0.65)
-
-
-def worn(colour: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return np.clip(colour * rng.uniform(0.88, 1.12, 3) + rng.uniform(0, 0.012), 0, 1)
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:
@@ -230,11 +234,13 @@ def new_material(name: str):
     return material, shader.inputs
 
 
-def random_material(first: np.ndarray, second: np.ndarray, rng: np.random.Generator) -> bpy.types.Material:
-    """Plain, or a procedural texture between two colours."""
+def random_material(rng: np.random.Generator, colour: np.ndarray | None) -> bpy.types.Material:
+    """Plain, or a procedural texture between two colours, of which the first may be given, sRGB."""
     material, shader = new_material("random")
     shader["Roughness"].default_value = rng.uniform(0.15, 0.95)
     shader["Metallic"].default_value = float(rng.random() < 0.15)
+    first, second = (random_colour(rng) ** 1.5 for _ in range(2))
+    first = first if colour is None else linear(colour)
     if rng.random() < 0.2:
         shader["Base Color"].default_value = (*first, 1)
         return material

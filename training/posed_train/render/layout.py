@@ -60,6 +60,22 @@ class Layout:
     cameras: list[Camera]
 
 
+@dataclass(frozen=True)
+class Camouflage:
+    """Gives things around the objects a colour of one of them, which hides its outline."""
+
+    objects: list[ObjectMesh]
+    share: float  # of the things
+
+    def colour(self, rng: np.random.Generator) -> np.ndarray | None:
+        """`[3]` sRGB, 0..1, as new or faded; none for things that are not to look alike."""
+        if not self.share or rng.random() >= self.share:
+            return None
+        parts = self.objects[rng.integers(len(self.objects))].parts
+        worn = rng.uniform(0.5, 1.3) * rng.uniform(0.9, 1.1, 3)
+        return np.clip(parts[rng.integers(len(parts))].colour * worn, 0, 1)
+
+
 def draw_layout(objects: list[ObjectMesh], views: int, tumbled: float, rng: np.random.Generator) -> Layout:
     """`tumbled` is the share of objects that stand at random instead of lying on one of their sides."""
     placed: list[np.ndarray] = []

@@ -8,7 +8,19 @@ import cv2
 import mujoco
 import numpy as np
 
-from .layout import FOCAL_PX, HEIGHT, WIDTH, Camera, Clutter, Layout, Light, direction, random_colour, random_tint
+from .layout import (
+    FOCAL_PX,
+    HEIGHT,
+    WIDTH,
+    Camera,
+    Camouflage,
+    Clutter,
+    Layout,
+    Light,
+    direction,
+    random_colour,
+    random_tint,
+)
 from .objects import ObjectMesh
 
 MAX_OBJECTS = 5  # MuJoCo has six geometry groups: one for each object and group 0 for everything else
@@ -24,16 +36,16 @@ SHAPES = {
 class Rasteriser:
     tumbled = 0.4
 
-    def __init__(self, objects: list[ObjectMesh]):
+    def __init__(self, objects: list[ObjectMesh], camouflage: Camouflage):
         if len(objects) > MAX_OBJECTS:
             raise ValueError(f"{len(objects)} objects; the rasteriser shows at most {MAX_OBJECTS}")
-        self.objects = objects
+        self.objects, self.camouflage = objects, camouflage
         self.renderer: mujoco.Renderer | None = None
 
     def open(self, layout: Layout, rng: np.random.Generator) -> None:
         if self.renderer is not None:
             self.renderer.close()
-        self.model = Scene(rng).build(self.objects, layout)
+        self.model = Scene(rng, self.camouflage).build(self.objects, layout)
         self.data = mujoco.MjData(self.model)
         self.renderer = mujoco.Renderer(self.model, HEIGHT, WIDTH)
         self.options = mujoco.MjvOption()
@@ -67,8 +79,8 @@ class Rasteriser:
 class Scene:
     """Builds the MuJoCo model of a layout, drawing its materials."""
 
-    def __init__(self, rng: np.random.Generator):
-        self.rng, self.spec = rng, mujoco.MjSpec()
+    def __init__(self, rng: np.random.Generator, camouflage: Camouflage):
+        self.rng, self.camouflage, self.spec = rng, camouflage, mujoco.MjSpec()
         self.world = self.spec.worldbody
         self.spec.visual.quality.shadowsize = 2048
         self.spec.visual.quality.offsamples = 4
@@ -88,7 +100,7 @@ class Scene:
             self.add_clutter(clutter)
         model = self.spec.compile()
         for address in model.tex_adr:  # filled in afterwards: the spec would take the pixels one by one
-            texture = random_texture(self.rng).reshape(-1)
+            texture = random_texture(self.rng, self.camouflage.colour(self.rng)).reshape(-1)
             model.tex_data[address : address + texture.size] = texture
         return model
 
@@ -119,7 +131,8 @@ class Scene:
             name=name, specular=rng.uniform(0, 1), shininess=rng.uniform(0, 1), reflectance=0.0
         )
         if rng.random() < 0.25:
-            material.rgba = [*random_colour(rng), 1]
+            colour = self.camouflage.colour(rng)
+            material.rgba = [*(random_colour(rng) if colour is None else colour), 1]
             return name
         self.spec.add_texture(
             name=name,
@@ -193,10 +206,12 @@ def quaternion(rotation: np.ndarray) -> np.ndarray:
     return q
 
 
-def random_texture(rng: np.random.Generator) -> np.ndarray:
-    """Square RGB: noise of several scales, stripes, checks or blobs between two colours."""
+def random_texture(rng: np.random.Generator, colour: np.ndarray | None) -> np.ndarray:
+    """Square RGB: noise of several scales, stripes, checks or blobs between two colours, of which the first may be
+    given."""
     size = TEXTURE_SIZE
     first, second = random_colour(rng), random_colour(rng)
+    first = first if colour is None else colour
     kind = rng.choice(["noise", "stripes", "checks", "blobs"])
     if kind == "noise":
         field = sum(
