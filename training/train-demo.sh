@@ -20,6 +20,9 @@ images rendered/val --engine cycles --scenes 5 --views 8 --first 100000
 images cycles --engine cycles --scenes 38 --views 8 --first 3000
 images cycles-pairs --engine cycles --scenes 66 --views 2 --first 10000
 images cycles-singles --engine cycles --scenes 586 --views 1 --first 20000
+images cycles-alike --engine cycles --scenes 536 --views 1 --first 40000 --camouflage 0.3
+images cycles-camouflage --engine cycles --scenes 220 --views 1 --first 60000 --camouflage 0.7
+images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
 for object in cube bracket; do
@@ -34,5 +37,8 @@ done
 for object in cube bracket motor link; do
 	keypoints scale/$object.toml runs/scale runs/more-keypoints/$object/checkpoint.pt
 	keypoints upright/$object.toml runs/upright runs/scale/$object/checkpoint.pt
+done
+for object in cube link; do
+	keypoints camouflage/$object.toml runs/camouflage runs/upright/$object/checkpoint.pt
 done
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt
