@@ -2,7 +2,7 @@
 
 Weights are stored in 8 bits, with one scale for each output channel (a Cast and a Mul follow; ONNX Runtime folds them
 when it loads the file, and computes in 32-bit floats), so they are rounded to that precision before anything is
-measured. It moves keypoints by a tenth of a pixel.
+measured.
 """
 
 import hashlib
