@@ -1,4 +1,4 @@
-"""An exported keypoint net in 8-bit integers: half the size, and faster where the CPU has VNNI; less exact.
+"""An exported keypoint net that computes in 8-bit integers: faster where the CPU has VNNI; less exact.
 
 Static, per channel, activations calibrated on training crops (ONNX Runtime's own tool). Only the convolutions change:
 the graph's inputs and outputs, and so the service, do not.
