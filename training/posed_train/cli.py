@@ -57,7 +57,7 @@ def main() -> None:
     keypoints.set_defaults(run=run_keypoints)
     detect.set_defaults(run=run_detector)
 
-    quantizing = commands.add_parser("quantize", help="make a copy of an exported keypoint net that computes in 8 bits, and compare")
+    quantizing = commands.add_parser("quantize", help="copy an exported keypoint net to compute in 8 bits, and compare")
     quantizing.add_argument("settings", type=Path, help="train.toml of its training")
     quantizing.add_argument("model", type=Path, help="model folder")
     quantizing.add_argument("out", type=Path, help="new model folder")
