@@ -91,6 +91,7 @@ class Sample:
     objects: np.ndarray  # [HEIGHT, WIDTH] 255 where any object is visible
     boxes: np.ndarray  # [N, 4] x1, y1, x2, y2 edges
     labels: np.ndarray  # [N]
+    visible: np.ndarray  # [N] fractions
 
 
 def read_samples(split: Path, obj_ids: list[int]) -> list[Sample]:
@@ -107,7 +108,8 @@ def read_samples(split: Path, obj_ids: list[int]) -> list[Sample]:
             if mask is not None:
                 objects = np.maximum(objects, letterbox(mask)[0])
         boxes = np.array([[x, y, x + w, y + h] for _, view in views for x, y, w, h in [view.box]]) * scale
-        samples.append(Sample(image, objects, boxes, np.array([label for label, _ in views])))
+        labels, visible = zip(*((label, view.visible_fraction) for label, view in views))
+        samples.append(Sample(image, objects, boxes, np.array(labels), np.array(visible)))
     return samples
 
 
@@ -143,7 +145,8 @@ def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Genera
         pixels = cv2.GaussianBlur(pixels, (0, 0), rng.uniform(0.3, 1.0))
     if rng.random() < 0.4:
         pixels = pixels + rng.uniform(1, 8) * rng.standard_normal(pixels.shape, np.float32)
-    return Sample(np.clip(pixels, 0, 255).astype(np.uint8), sample.objects, boxes[keep], sample.labels[keep])
+    image = np.clip(pixels, 0, 255).astype(np.uint8)
+    return Sample(image, sample.objects, boxes[keep], sample.labels[keep], sample.visible[keep])
 
 
 def colours_of_one(sample: Sample, rng: np.random.Generator) -> np.ndarray:
@@ -186,10 +189,11 @@ class Trainer(optimise.Run):
 
 @torch.no_grad()
 def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[str, float]:
-    """Share of boxes found at IoU 0.5 with the right label, and false detections an image."""
+    """Share of boxes found at IoU 0.5 with the right label, of all and of those that are half visible, and false
+    detections an image."""
     model.eval()
-    found = total = false = 0
-    ious = []
+    false = 0
+    overlaps, visible = [], []
     for sample in samples:
         detections = model(list(to_tensor([sample.image])))[0]
         keep = detections["scores"] > threshold
@@ -197,14 +201,16 @@ def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[s
         truth = torch.from_numpy(sample.boxes).float()
         overlap = box_iou(truth, boxes) * (torch.from_numpy(sample.labels)[:, None] == labels[None])
         best = overlap.max(dim=1).values if len(boxes) else torch.zeros(len(truth))
-        found += int((best > 0.5).sum())
-        ious += best[best > 0.5].tolist()
-        total += len(truth)
+        overlaps += best.tolist()
+        visible += sample.visible.tolist()
         false += int((overlap.max(dim=0).values < 0.5).sum()) if len(boxes) else 0
+    overlaps, half = np.array(overlaps), np.array(visible) >= 0.5
+    found = overlaps > 0.5
     return {
-        "recall_percent": 100 * found / total,
+        "recall_percent": 100 * float(found.mean()),
+        "recall_half_visible_percent": 100 * float(found[half].mean()) if half.any() else 0.0,
         "false_per_image": false / len(samples),
-        "mean_iou": float(np.mean(ious)) if ious else 0.0,
+        "mean_iou": float(overlaps[found].mean()) if found.any() else 0.0,
     }
 
 

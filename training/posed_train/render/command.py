@@ -25,8 +25,8 @@ def run(arguments: argparse.Namespace) -> None:
         from .cycles import Cycles as engine
     else:
         from .rasteriser import Rasteriser as engine
-    a = arguments
-    render_dataset(engine, a.models, a.out, a.scenes, a.views, a.first, a.camouflage)
+    settings = {name: value for name, value in vars(arguments).items() if name not in ("engine", "run")}
+    render_dataset(engine, **settings)
 
 
 if __name__ == "__main__":
