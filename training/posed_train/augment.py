@@ -44,9 +44,9 @@ class Augmenter:
         if patch.mask is not None and self.backgrounds:
             mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
             if self.rng.random() < 0.5 * self.strength:
-                hard = mask.max() > 0.5 and self.rng.random() < CAMOUFLAGE_SHARE
-                own = crop[mask[..., 0] > 0.5] if hard else None
-                background = self.random_background() if own is None else camouflage(own, crop.shape[:2], self.rng)
+                own = crop[mask[..., 0] > 0.5]
+                hard = len(own) > 0 and self.rng.random() < CAMOUFLAGE_SHARE
+                background = camouflage(own, crop.shape[:2], self.rng) if hard else self.random_background()
                 crop = crop * mask + background * (1 - mask)
         if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)

@@ -13,6 +13,7 @@ import numpy as np
 
 METRES_PER_MILLIMETRE = 1e-3
 JPEG_QUALITY = 92
+MIN_BOX_PX = 16
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def image_path(scene_dir: Path, image_id: int) -> Path:
     raise DatasetError(f"{scene_dir}/rgb/{image_id:06d}.jpg: missing, but scene_gt.json names this image")
 
 
-def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: int = 16) -> list[View]:
+def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: int = MIN_BOX_PX) -> list[View]:
     """All views of one object in a BOP split (a folder of scene folders), in a stable order."""
     views = []
     for scene_dir in sorted(p for p in split.iterdir() if (p / "scene_gt_info.json").exists()):

@@ -27,16 +27,21 @@ class Views:
 
     def __init__(self, config: KeypointConfig, root: Path):
         photoreal = read_photoreal(config, root)
-        rasterised = read_rasterised(config, root)
+        rasterised = read_splits(config.rasterised, config, root, MIN_RASTERISED_PX)
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
         # The net's keypoints are where they were placed: it can be taught to look at them more closely. The pairwise
         # losses leave their frame to the net.
-        self.up = self.direction(config.up, [0.0, 0.0, 1.0]) if config.loss == "component" else None
-        self.front = self.direction(config.front) if config.front and config.loss == "component" else None
+        known = self.keypoints_from_object
+        self.up = self.heights = self.front = None
+        if config.loss == "component":
+            self.up = direction(config.up, known) if config.up else np.array([0.0, 0.0, 1.0])
+            # Coordinates of the keypoints along it, `[N]`.
+            self.heights = self.registration.keypoints @ self.up
+            self.front = direction(config.front, known) if config.front else None
         self.held_out = held_out(photoreal, self.registration, config)
-        self.motions = symmetry_motions(config.symmetries_discrete, self.keypoints_from_object)
+        self.motions = symmetry_motions(config.symmetries_discrete, known)
 
     @property
     def keypoints_from_object(self) -> np.ndarray | None:
@@ -47,19 +52,6 @@ class Views:
             if self.all[index].camera_from_object is not None
         ]
         return mean_pose(np.stack(known)) if known else None
-
-    @property
-    def heights(self) -> np.ndarray | None:
-        """Coordinates of the keypoints along `up`, `[N]`, if the net is to look twice."""
-        return None if self.up is None else self.registration.keypoints @ self.up
-
-    def direction(self, in_object: list[float], otherwise: list[float] | None = None) -> np.ndarray:
-        """A direction of the object's frame, `[3]` in the keypoints'."""
-        if not in_object:
-            return np.array(otherwise)
-        if self.keypoints_from_object is None:
-            raise bop.DatasetError("`up` and `front` are in the object's frame, but the dataset states no object poses")
-        return self.keypoints_from_object[:3, :3] @ in_object
 
     def targets(self, indices: list[int]) -> np.ndarray:
         """Where the keypoints are, `[V, S, N, 2]` image pixels: once for each of the S motions under which the object
@@ -84,6 +76,13 @@ class Views:
         return np.take_along_axis(targets, chosen[..., None, None], axis=1)
 
 
+def direction(in_object: list[float], keypoints_from_object: np.ndarray | None) -> np.ndarray:
+    """A direction of the object's frame, `[3]` in the keypoints'."""
+    if keypoints_from_object is None:
+        raise bop.DatasetError("`up` and `front` are in the object's frame, but the dataset states no object poses")
+    return keypoints_from_object[:3, :3] @ in_object
+
+
 def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndarray | None) -> np.ndarray:
     """`[S, 4, 4]`, identity first: discrete symmetries (BOP: 4x4 row-major, mm) moved to the keypoints' frame."""
     if not declared:
@@ -94,18 +93,16 @@ def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndar
 
 
 def read_photoreal(config: KeypointConfig, root: Path) -> list[bop.View]:
-    return [
-        view
-        for split in splits(config.photoreal)
-        for view in bop.read_views(root / split, config.obj_id, config.min_visible)
-    ]
+    return read_splits(config.photoreal, config, root)
 
 
-def read_rasterised(config: KeypointConfig, root: Path) -> list[bop.View]:
+def read_splits(
+    setting: str | list[str], config: KeypointConfig, root: Path, min_box_px: int = bop.MIN_BOX_PX
+) -> list[bop.View]:
     return [
         view
-        for split in splits(config.rasterised)
-        for view in bop.read_views(root / split, config.obj_id, config.min_visible, MIN_RASTERISED_PX)
+        for split in splits(setting)
+        for view in bop.read_views(root / split, config.obj_id, config.min_visible, min_box_px)
     ]
 
 

@@ -21,7 +21,7 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop, optimise
-from .augment import camouflage
+from .augment import CAMOUFLAGE_SHARE, camouflage
 from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
@@ -37,8 +37,6 @@ MIN_BOX_PX = 6  # in the network's input
 MIN_BACKGROUND_PX = 128
 PASTED_SHARE = 0.4
 """Of the images: shown on another background."""
-CAMOUFLAGE_SHARE = 0.5
-"""Of these: in the colours of one of the objects."""
 
 
 class Backbone(nn.Module):
@@ -116,10 +114,9 @@ def read_samples(split: Path, obj_ids: list[int]) -> list[Sample]:
 def augment(sample: Sample, backgrounds: list[np.ndarray], rng: np.random.Generator) -> Sample:
     image = sample.image
     if backgrounds and sample.objects.any() and rng.random() < PASTED_SHARE:
-        background = cv2.resize(backgrounds[rng.integers(len(backgrounds))], (WIDTH, HEIGHT))
+        photo = backgrounds[rng.integers(len(backgrounds))]
         own = colours_of_one(sample, rng) if rng.random() < CAMOUFLAGE_SHARE else []
-        if len(own):
-            background = camouflage(own, (HEIGHT, WIDTH), rng)
+        background = camouflage(own, (HEIGHT, WIDTH), rng) if len(own) else cv2.resize(photo, (WIDTH, HEIGHT))
         mask = sample.objects[..., None].astype(np.float32) / 255
         image = (image * mask + background * (1 - mask)).astype(np.uint8)
     scale = np.exp(rng.uniform(np.log(0.6), np.log(1.7)))
@@ -224,7 +221,6 @@ def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = 
     pools = [
         [sample for split in splits(setting) for sample in read_samples(root / split, config.obj_ids)]
         for setting in (config.photoreal, config.rasterised)
-        if setting
     ]
     pools = [pool for pool in pools if pool]
     validation = read_samples(root / config.validation, config.obj_ids) if config.validation else []

@@ -25,8 +25,15 @@ def run(arguments: argparse.Namespace) -> None:
         from .cycles import Cycles as engine
     else:
         from .rasteriser import Rasteriser as engine
-    settings = {name: value for name, value in vars(arguments).items() if name not in ("engine", "run")}
-    render_dataset(engine, **settings)
+    render_dataset(
+        engine,
+        arguments.models,
+        arguments.out,
+        arguments.scenes,
+        arguments.views,
+        arguments.first,
+        arguments.camouflage,
+    )
 
 
 if __name__ == "__main__":
