@@ -17,6 +17,8 @@ TURN_NOISE = 0.1
 """Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
 CAMOUFLAGE_SHARE = 0.5
 """Of the pasted backgrounds: in the object's own colours."""
+HALF_HIDDEN_SHARE = 0.15
+"""Of the crops, as long as training lasts: other variations fade since images to come have less of them."""
 # Standard deviations of a crop's rotation.
 BOX_TURN_DEG, ZOOM_TURN_DEG = 25.0, 8.0
 
@@ -37,7 +39,7 @@ class Augmenter:
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
-        if self.backgrounds and patch.mask is not None and self.rng.random() < 0.15 * self.strength:
+        if self.backgrounds and patch.mask is not None and self.rng.random() < HALF_HIDDEN_SHARE:
             patch = self.half_hide(patch)
         crop_from_patch = self.random_affine(patch)
         crop = self.warp(patch.rgb, crop_from_patch)
@@ -95,7 +97,7 @@ class Augmenter:
         turn = rng.uniform(-np.pi, np.pi)
         towards, along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         depths, widths = pixels @ towards, pixels @ along
-        edge = np.quantile(depths, rng.uniform(0.55, 0.9))
+        edge = np.quantile(depths, rng.uniform(0.4, 0.9))
         reach = np.ptp(widths)
         low, high = widths.min() - rng.uniform(-0.1, 0.5) * reach, widths.max() + rng.uniform(-0.1, 0.5) * reach
         far = depths.max() + rng.uniform(0, 0.6) * np.ptp(depths)

@@ -7,6 +7,7 @@ label and no model of the object. Further components cannot be placed by geometr
 fixed by now: a net trained on the first one votes (`join`).
 """
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,13 @@ def find_components(views: list[View], source: str) -> list[Component]:
                     'poses = "camera" every image needs its camera\'s pose in the scene'
                 )
             scenes.setdefault(f"{view.split}/{view.scene}", []).append(index)
+        for group in scenes.values():
+            path, times = Counter(views[index].image_path for index in group).most_common(1)[0]
+            if times > 1:
+                raise DatasetError(
+                    f'{path}: shows the object more than once; with poses = "camera" a scene may hold it once, for '
+                    "nothing tells its copies apart"
+                )
         groups = list(scenes.values())
         poses = [np.stack([views[i].camera_from_world for i in group]) for group in groups]
     elif source == "object":

@@ -28,23 +28,23 @@ def looking_at(target: np.ndarray, direction: np.ndarray, distance: float) -> np
 
 def ball_views(tmp_path: Path, scene: str, count: int, seed: int = 0) -> list[View]:
     """Views of a ball from all over a half sphere, in a scene with a frame of its own."""
-    image = tmp_path / scene / "rgb" / "000000.jpg"
-    if not image.exists():
-        image.parent.mkdir(parents=True)
-        Image.new("RGB", (640, 480)).save(image)
+    folder = tmp_path / scene / "rgb"
+    folder.mkdir(parents=True)
     rng = np.random.default_rng(seed)
     world_from_object = np.eye(4)
     world_from_object[:3, :3] = registration.random_rotation(seed + 50)
     world_from_object[:3, 3] = OBJECT_IN_WORLD
     views = []
-    for _ in range(count):
+    for number in range(count):
+        image = folder / f"{number:06d}.jpg"
+        Image.new("RGB", (640, 480)).save(image)
         direction = rng.normal(size=3)
         direction[2] = abs(direction[2])
         distance = rng.uniform(0.4, 0.8)
         pose = looking_at(OBJECT_IN_WORLD, direction, distance)
         side = 2 * RADIUS_M * 600 / distance
         box = (319.5 - side / 2 + 0.5, 239.5 - side / 2 + 0.5, side, side)
-        views.append(View("split", scene, 0, image, None, K, pose @ world_from_object, pose, box, 1.0))
+        views.append(View("split", scene, number, image, None, K, pose @ world_from_object, pose, box, 1.0))
     return views
 
 
@@ -139,7 +139,8 @@ def scaled(factor: float):
         (lambda views: [replace(v, scene=f"{k}") for k, v in enumerate(views)], "alone in its component"),
         (lambda views: [replace(v, camera_matrix=K * 2) for v in views], "resized"),
         (lambda views: [replace(v, box=(600.0, 10.0, 80.0, 80.0)) for v in views], "outside the image"),
-        (lambda views: [views[0], views[0]], "Move the camera"),
+        (lambda views: [views[0], replace(views[0], image_path=views[1].image_path)], "Move the camera"),
+        (lambda views: [*views, replace(views[3], box=(10.0, 10.0, 80.0, 80.0))], "more than once"),
         (
             lambda views: views[:6] + [replace(moved(v, scaled(10)), scene="other") for v in views[6:]],
             "mixed units",

@@ -12,7 +12,7 @@ import trimesh
 
 from posed_train import bop, cli, registration
 from posed_train.render.dataset import render_dataset
-from posed_train.render.objects import load_objects
+from posed_train.render.objects import choose_objects, load_objects
 from posed_train.render.rasteriser import Rasteriser
 from tests.conftest import MODELS
 
@@ -55,7 +55,7 @@ def test_a_stopped_run_goes_on(rendered, tmp_path):
     kept.write_bytes(b"as it was")
     before = json.loads(unfinished.read_text())
     unfinished.unlink()
-    render_dataset(Rasteriser, MODELS, split, scenes=4, views=4)
+    render_dataset(Rasteriser, load_objects(MODELS), split, scenes=4, views=4)
     assert kept.read_bytes() == b"as it was"
     assert json.loads(unfinished.read_text()) == before
 
@@ -67,7 +67,7 @@ def test_camouflage_has_the_objects_colours(tmp_path):
     own, far, poses = chromaticity(np.array(parts)), {}, {}
     for share in (0.0, 1.0):
         split = tmp_path / str(share)
-        render_dataset(Rasteriser, MODELS, split, scenes=4, views=1, camouflage=share)
+        render_dataset(Rasteriser, load_objects(MODELS), split, scenes=4, views=1, camouflage=share)
         distances = []
         for scene in sorted(split.iterdir()):
             masks = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (scene / "mask_visib").iterdir()]
@@ -79,12 +79,30 @@ def test_camouflage_has_the_objects_colours(tmp_path):
     assert poses[0.0] == poses[1.0]
 
 
+def test_copies_of_some_objects(tmp_path):
+    """A scene may show one object several times; each has its own place, box and mask."""
+    split = tmp_path / "train"
+    render_dataset(Rasteriser, choose_objects(load_objects(MODELS), [4, 2], copies=2), split, scenes=1, views=3)
+    check_boxes(split)
+    for entries in json.loads((split / "000000/scene_gt.json").read_text()).values():
+        assert [entry["obj_id"] for entry in entries] == [2, 2, 4, 4]
+        assert len({tuple(entry["cam_t_m2c"]) for entry in entries}) == 4
+    masks = {view.mask_path for view in bop.read_views(split, 4)}
+    assert len(masks) == len(bop.read_views(split, 4)) > 3
+
+
 def test_refuses_models_that_it_cannot_render(tmp_path):
     with pytest.raises(ValueError, match="no obj_"):
-        render_dataset(Rasteriser, tmp_path, tmp_path / "train", scenes=1, views=1)
+        load_objects(tmp_path)
     shutil.copytree(MODELS, tmp_path / "models")
     (tmp_path / "models" / "metallic.json").write_text('{"2": {"#ff00ff": 1}}')
     with pytest.raises(ValueError, match="#ff00ff"):
-        render_dataset(Rasteriser, tmp_path / "models", tmp_path / "train", scenes=1, views=1)
+        load_objects(tmp_path / "models")
+    with pytest.raises(ValueError, match="object 9: not among the models, which have 1, 2, 3, 4"):
+        choose_objects(load_objects(MODELS), [1, 9], copies=1)
+    with pytest.raises(ValueError, match="at least 1"):
+        choose_objects(load_objects(MODELS), None, copies=0)
+    with pytest.raises(ValueError, match="at most 5"):
+        render_dataset(Rasteriser, choose_objects(load_objects(MODELS), None, copies=2), tmp_path / "train", 1, 1)
     with pytest.raises(ValueError, match="between 0 and 1"):
-        render_dataset(Rasteriser, MODELS, tmp_path / "train", scenes=1, views=1, camouflage=30)
+        render_dataset(Rasteriser, load_objects(MODELS), tmp_path / "train", scenes=1, views=1, camouflage=30)

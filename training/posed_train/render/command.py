@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from .dataset import render_dataset
+from .objects import choose_objects, load_objects
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=520)
     parser.add_argument("--views", type=int, default=6)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene, to split work over processes")
+    parser.add_argument("--objects", type=int, nargs="+", help="only these, by their obj_id")
+    parser.add_argument("--copies", type=int, default=1, help="of each object in every scene")
     parser.add_argument(
         "--camouflage", type=float, default=0.0, help="share of things around the objects in a colour of one of them"
     )
@@ -27,7 +30,7 @@ def run(arguments: argparse.Namespace) -> None:
         from .rasteriser import Rasteriser as engine
     render_dataset(
         engine,
-        arguments.models,
+        choose_objects(load_objects(arguments.models), arguments.objects, arguments.copies),
         arguments.out,
         arguments.scenes,
         arguments.views,

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from ..bop import pose_entry, write_annotations, write_mask, write_rgb
 from .layout import CAMERA_MATRIX, Camera, Camouflage, Layout, draw_layout
-from .objects import ObjectMesh, load_objects
+from .objects import ObjectMesh
 
 MIN_BOX_PX = 8
 
@@ -36,18 +36,17 @@ class Engine(Protocol):
 
 def render_dataset(
     engine_for: Callable[[list[ObjectMesh], Camouflage], Engine],
-    models: Path,
+    objects: list[ObjectMesh],
     out: Path,
     scenes: int,
     views: int,
     first: int = 0,
     camouflage: float = 0.0,
 ) -> None:
-    """Renders `scenes` scenes of `views` images each; finished scenes are kept, so a stopped run goes on. `camouflage`
-    is the share of things around the objects that have a colour of one of them."""
+    """Renders `scenes` scenes of all objects, `views` images each; finished scenes are kept, so a stopped run goes on.
+    `camouflage` is the share of things around the objects that have a colour of one of them."""
     if not 0 <= camouflage <= 1:
         raise ValueError(f"camouflage {camouflage}: a share lies between 0 and 1")
-    objects = load_objects(models)
     engine = engine_for(objects, Camouflage(objects, camouflage))
     for scene_id in tqdm(range(first, first + scenes), desc="scenes", unit="scene"):
         folder = out / f"{scene_id:06d}"

@@ -12,6 +12,8 @@ CAMERA_MATRIX = np.array([[FOCAL_PX, 0, (WIDTH - 1) / 2], [0, FOCAL_PX, (HEIGHT 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 CLUTTER_SHAPES = ("box", "cylinder", "ellipsoid", "capsule")
 MIN_OBJECTS_IN_VIEW = 0.75
+SPREAD_M = 0.055
+"""Standard deviation of an object's place on the table, for one object: they share the more room the more they are."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,9 @@ class Camouflage:
 def draw_layout(objects: list[ObjectMesh], views: int, tumbled: float, rng: np.random.Generator) -> Layout:
     """`tumbled` is the share of objects that stand at random instead of lying on one of their sides."""
     placed: list[np.ndarray] = []
+    spread = SPREAD_M * np.sqrt(len(objects))
     for item in objects:
-        placed.append(place(item, placed, tumbled, rng))
+        placed.append(place(item, placed, spread, tumbled, rng))
     centre = np.mean([pose[:3, 3] for pose in placed], axis=0)
     return Layout(
         world_from_object=placed,
@@ -93,7 +96,9 @@ def draw_layout(objects: list[ObjectMesh], views: int, tumbled: float, rng: np.r
     )
 
 
-def place(item: ObjectMesh, others: list[np.ndarray], tumbled: float, rng: np.random.Generator) -> np.ndarray:
+def place(
+    item: ObjectMesh, others: list[np.ndarray], spread: float, tumbled: float, rng: np.random.Generator
+) -> np.ndarray:
     """`world_from_object` of an object on the table, some way from the others (they may still touch)."""
     pose = np.eye(4)
     if rng.random() < tumbled:
@@ -101,7 +106,7 @@ def place(item: ObjectMesh, others: list[np.ndarray], tumbled: float, rng: np.ra
     else:
         resting = rng.choice(len(item.resting_rotations), p=item.resting_probabilities)
         pose[:3, :3] = about_z(rng.uniform(0, 2 * np.pi)) @ item.resting_rotations[resting]
-    spot = free_spot(others, spread=0.11, apart=(0.06, 0.11), rng=rng)
+    spot = free_spot(others, spread, apart=(0.06, 0.11), rng=rng)
     lowest = (item.mesh.vertices @ pose[:3, :3].T)[:, 2].min()
     pose[:3, 3] = [*spot, -lowest + 0.0003]
     return pose

@@ -51,6 +51,18 @@ def load_objects(models: Path) -> list[ObjectMesh]:
     return objects
 
 
+def choose_objects(objects: list[ObjectMesh], obj_ids: list[int] | None, copies: int) -> list[ObjectMesh]:
+    """Those of the given `obj_ids`, or all, each as often as told."""
+    if copies < 1:
+        raise ValueError(f"copies {copies}: must be at least 1")
+    unknown = set(obj_ids or []) - {item.obj_id for item in objects}
+    if unknown:
+        known = ", ".join(str(item.obj_id) for item in objects)
+        raise ValueError(f"object {min(unknown)}: not among the models, which have {known}")
+    chosen = [item for item in objects if obj_ids is None or item.obj_id in obj_ids]
+    return [item for item in chosen for _ in range(copies)]
+
+
 def parts_by_colour(mesh: trimesh.Trimesh, metallic: dict[str, float]) -> list[Part]:
     colours = mesh.visual.face_colors[:, :3]
     palette, part = np.unique(colours, axis=0, return_inverse=True)

@@ -167,7 +167,7 @@ class Scene:
         finish = {"specular": rng.uniform(0, 1), "shininess": rng.uniform(0.05, 1)}
         brightness = rng.uniform(0.55, 1.2)
         for number, part in enumerate(item.parts):  # MuJoCo has one colour a geometry
-            name = f"object{item.obj_id}_{number}"
+            name = f"object{group}_{number}"
             tint = np.clip(part.colour * brightness * rng.uniform(0.92, 1.08, 3) + rng.uniform(0, 0.06), 0, 1)
             self.spec.add_material(name=name, rgba=[*tint, 1], **finish)
             triangles = item.mesh.triangles[part.faces]
