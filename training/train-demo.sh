@@ -22,6 +22,8 @@ images cycles-pairs --engine cycles --scenes 66 --views 2 --first 10000
 images cycles-singles --engine cycles --scenes 586 --views 1 --first 20000
 images cycles-alike --engine cycles --scenes 536 --views 1 --first 40000 --camouflage 0.3
 images cycles-camouflage --engine cycles --scenes 220 --views 1 --first 60000 --camouflage 0.7
+images cycles-copies --engine cycles --scenes 506 --views 1 --first 70000 --camouflage 0.6 --objects 2 4 --copies 4
+images cycles-copies --engine cycles --scenes 518 --views 1 --first 80000 --camouflage 0.6 --objects 1 3 --copies 4
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
@@ -40,5 +42,11 @@ for object in cube bracket motor link; do
 done
 for object in cube link; do
 	keypoints camouflage/$object.toml runs/camouflage runs/upright/$object/checkpoint.pt
+done
+for object in cube link; do
+	keypoints copies/$object.toml runs/copies runs/camouflage/$object/checkpoint.pt
+done
+for object in bracket motor; do
+	keypoints copies/$object.toml runs/copies runs/upright/$object/checkpoint.pt
 done
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

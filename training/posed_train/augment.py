@@ -18,7 +18,8 @@ TURN_NOISE = 0.1
 CAMOUFLAGE_SHARE = 0.5
 """Of the pasted backgrounds: in the object's own colours."""
 HALF_HIDDEN_SHARE = 0.15
-"""Of the crops, as long as training lasts: other variations fade since images to come have less of them."""
+"""Of the crops, by a plate or by the photo's border, as long as training lasts: other variations fade since images to
+come have less of them."""
 # Standard deviations of a crop's rotation.
 BOX_TURN_DEG, ZOOM_TURN_DEG = 25.0, 8.0
 
@@ -40,7 +41,7 @@ class Augmenter:
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
         if self.backgrounds and patch.mask is not None and self.rng.random() < HALF_HIDDEN_SHARE:
-            patch = self.half_hide(patch)
+            patch = self.half_hide(patch) if self.rng.random() < 0.5 else self.cut_off(patch)
         crop_from_patch = self.random_affine(patch)
         crop = self.warp(patch.rgb, crop_from_patch)
         if patch.mask is not None and self.backgrounds:
@@ -53,7 +54,8 @@ class Augmenter:
         if self.backgrounds and self.rng.random() < 0.35 * self.strength:
             crop = self.occlude(crop)
         crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
-        return np.clip(crop, 0, 255).astype(np.uint8), crop_from_patch
+        crop = np.clip(crop, 0, 255).astype(np.uint8)
+        return self.blacken_beyond(patch.border, crop, crop_from_patch), crop_from_patch
 
     def random_affine(self, patch: Patch) -> np.ndarray:
         rng = self.rng
@@ -88,6 +90,31 @@ class Augmenter:
         cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
         return cut[:, ::-1] if self.rng.random() < 0.5 else cut
 
+    def blacken_beyond(
+        self, border: tuple[float, float, float, float], crop: np.ndarray, affine: np.ndarray
+    ) -> np.ndarray:
+        """What lies outside the photo is black, whatever its light and background."""
+        left, top, right, bottom = np.clip(border, -4 * self.size, 4 * self.size)
+        corners = (
+            np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) @ affine[:, :2].T + affine[:, 2]
+        )
+        photo = np.zeros((self.size, self.size), np.uint8)
+        cv2.fillConvexPoly(photo, np.rint(corners * 16).astype(np.int32), 1, shift=4)
+        return crop * photo[..., None]
+
+    def cut_off(self, patch: Patch) -> Patch:
+        """Moves one side of the photo's border across the object."""
+        pixels = np.argwhere(patch.mask > 127)[:, ::-1]
+        if not len(pixels):
+            return patch
+        border, side = list(patch.border), self.rng.integers(4)
+        hidden = self.rng.uniform(0.1, 0.6)
+        border[side] = np.quantile(pixels[:, side % 2], hidden if side < 2 else 1 - hidden).round() + 0.5
+        left, top, right, bottom = np.clip(np.ceil(border), 0, len(patch.mask)).astype(int)
+        mask = np.zeros_like(patch.mask)
+        mask[top:bottom, left:right] = patch.mask[top:bottom, left:right]
+        return self.with_less(patch, mask, border=tuple(border))
+
     def half_hide(self, patch: Patch) -> Patch:
         """Puts a foreign plate before one side of the object. Its box shrinks, as it does where real things hide it."""
         rng, size = self.rng, len(patch.mask)
@@ -104,13 +131,16 @@ class Augmenter:
         corners = [d * towards + w * along for d, w in ((edge, low), (edge, high), (far, high), (far, low))]
         plate = np.zeros((size, size), np.uint8)
         cv2.fillConvexPoly(plate, np.round(corners).astype(np.int32), 255, cv2.LINE_AA)
-        mask = cv2.min(patch.mask, 255 - plate)
+        weight = plate[..., None].astype(np.float32) / 255
+        rgb = patch.rgb * (1 - weight) + cv2.resize(self.random_background(), (size, size)) * weight
+        return self.with_less(patch, cv2.min(patch.mask, 255 - plate), rgb=rgb.astype(np.uint8))
+
+    def with_less(self, patch: Patch, mask: np.ndarray, **changes) -> Patch:
+        """The patch of which only so much is to be seen, its box with it; as it was where that is too little."""
         box = cv2.boundingRect(mask)
         if min(box[2:]) < 0.3 * max(box[2:]):  # a sliver, or nothing
             return patch
-        weight = plate[..., None].astype(np.float32) / 255
-        rgb = patch.rgb * (1 - weight) + cv2.resize(self.random_background(), (size, size)) * weight
-        return replace(patch, rgb=rgb.astype(np.uint8), mask=mask, box=Square.around(box, 1.0))
+        return replace(patch, mask=mask, box=Square.around(box, 1.0), **changes)
 
     def occlude(self, crop: np.ndarray) -> np.ndarray:
         """Covers a convex blob somewhere over the object with foreign texture."""

@@ -133,6 +133,7 @@ class Patch:
     mask: np.ndarray | None  # [P, P] uint8
     keypoints: np.ndarray  # [symmetries, N, 2]
     patch_from_image: np.ndarray  # [3, 3] pixels
+    border: tuple[float, float, float, float]  # left, top, right, bottom of the photo, patch pixels; beyond is black
     box: Square  # what a first crop is cut around, patch pixels
 
 
@@ -142,11 +143,14 @@ def cut_patch(view: View, keypoints_in_image: np.ndarray | None, input_size: int
     box = Square.around(view.box, 1.0)
     whole = (box if keypoints_in_image is None else Square.about(keypoints_in_image[0])).scaled(PATCH_SCALE)
     mask = read_mask(view) if with_mask else None
+    rgb = read_rgb(view.image_path)
+    corners = whole.to_crop(np.array([[-0.5, -0.5], [rgb.shape[1] - 0.5, rgb.shape[0] - 0.5]]), size)
     return Patch(
-        rgb=whole.cut(read_rgb(view.image_path), size),
+        rgb=whole.cut(rgb, size),
         mask=None if mask is None else whole.cut(mask, size),
         keypoints=np.zeros((1, 1, 2)) if keypoints_in_image is None else whole.to_crop(keypoints_in_image, size),
         patch_from_image=whole.crop_from_image(size),
+        border=tuple(corners.ravel()),
         box=box.within(whole, size),
     )
 

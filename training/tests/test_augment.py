@@ -22,7 +22,8 @@ def patch(rng: np.random.Generator) -> Patch:
     cv2.circle(mask, (90, 100), 40, 255, -1)
     rgb = rng.integers(0, 256, (SIZE, SIZE, 3)).astype(np.uint8)
     keypoints = project(camera[None], pose[None], POINTS)
-    return Patch(rgb, mask, keypoints, np.eye(3), Square.around(cv2.boundingRect(mask), 1.0))
+    border = (-0.5, -0.5, SIZE - 0.5, SIZE - 0.5)
+    return Patch(rgb, mask, keypoints, np.eye(3), border, Square.around(cv2.boundingRect(mask), 1.0))
 
 
 @pytest.fixture
@@ -44,6 +45,24 @@ def test_a_half_hidden_objects_box_is_of_what_is_left(vary):
         assert not hidden.any() or (after.rgb[hidden] != before.rgb[hidden]).mean() > 0.9
         shares.append(left.mean() / (before.mask > 0).mean())
     assert 0.3 < min(shares) < 0.5 and max(shares) > 0.85
+
+
+def test_an_object_cut_off_by_the_border_has_black_beyond(vary):
+    """As in the crops that the service cuts: exactly black, and the box ends at the border."""
+    for _ in range(50):
+        before = patch(vary.rng)
+        after = vary.cut_off(before)
+        assert after.box == Square.around(cv2.boundingRect(after.mask), 1.0)
+        assert 0.35 < (after.mask > 0).mean() / (before.mask > 0).mean() < 0.95
+        moved = [side for side in range(4) if after.border[side] != before.border[side]]
+        assert len(moved) == 1
+        axis, high = moved[0] % 2, moved[0] >= 2
+        crop, crop_from_patch = vary(after)
+        in_patch = np.stack(np.meshgrid(*[np.arange(INPUT)] * 2), -1) - crop_from_patch[:, 2]
+        along = (in_patch @ np.linalg.inv(crop_from_patch[:, :2]).T)[..., axis]
+        beyond = (along - after.border[moved[0]]) * (1 if high else -1)
+        assert (crop[beyond > 1.5] == 0).all()
+        assert crop[beyond < -1.5].any()
 
 
 def test_second_looks_are_upright_and_about_the_keypoints(vary):
