@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from .crops import CROP_SCALE, ZOOM, Patch, Square, axis_in_image, upright
+from .crops import CROP_SCALE, ZOOM, Patch, Square, axis_in_image, transform, upright
 
 ZOOM_SHARE = 0.6
 """Of the crops: cut as for the second look."""
@@ -95,9 +95,7 @@ class Augmenter:
     ) -> np.ndarray:
         """What lies outside the photo is black, whatever its light and background."""
         left, top, right, bottom = np.clip(border, -4 * self.size, 4 * self.size)
-        corners = (
-            np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) @ affine[:, :2].T + affine[:, 2]
-        )
+        corners = transform(affine, np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
         photo = np.zeros((self.size, self.size), np.uint8)
         cv2.fillConvexPoly(photo, np.rint(corners * 16).astype(np.int32), 1, shift=4)
         return crop * photo[..., None]

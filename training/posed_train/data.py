@@ -13,7 +13,7 @@ from . import bop
 from .augment import Augmenter
 from .check import MIN_BASELINE_DEG
 from .config import KeypointConfig, splits
-from .crops import Patch, as_matrix, axis_in_image, cut_patch
+from .crops import Patch, as_matrix, axis_in_image, cut_patch, transform
 from .network import design
 from .registration import Registration, angles_deg, mean_pose, project, register
 
@@ -146,7 +146,7 @@ class Data:
         pools = [self.photoreal] * photoreal + [self.rasterised] * (size - photoreal)
         samples = [pool[rng.integers(len(pool))] for pool in pools]
         crops, affines = zip(*(augment(sample) for sample in samples))
-        keypoints = [sample.keypoints @ a[:, :2].T + a[:, 2] for sample, a in zip(samples, affines)]
+        keypoints = [transform(affine, sample.keypoints) for sample, affine in zip(samples, affines)]
         if self.views.front is not None:
             keypoints = [most_upright(alike, self.views.heights)[None] for alike in keypoints]
         return to_images(crops), torch.from_numpy(np.stack(keypoints)).float()
