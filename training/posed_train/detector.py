@@ -164,9 +164,10 @@ class Trainer(optimise.Run):
         model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
             state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
-            prefix = "design.encoder."
-            own = {k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)}
-            model.backbone.encoder.load_state_dict(own)
+            own = model.backbone.encoder
+            # A keypoint net's encoder may have more blocks.
+            names = {name: f"design.encoder.{name}" for name in own.state_dict()}
+            own.load_state_dict({name: state[stored] for name, stored in names.items() if stored in state})
         super().__init__(model, config.learning_rate, config.steps)
 
     def train_step(self, samples: list[Sample]) -> float:

@@ -9,10 +9,11 @@ import onnx
 import pytest
 import torch
 
-from posed_train import augment, bop, cli, config, crops, data, detector, export, quantize, registration, train
+from posed_train import augment, bop, cli, config, crops, data, detector, export, network, quantize, registration, train
 from tests.conftest import MODELS
 
 CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
+SIZE = network.Lite.input_size
 
 
 def test_registration_needs_relative_poses_only(rendered):
@@ -90,7 +91,7 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     patches = data.Data(CUBE, rendered, views)
     trainer = train.Trainer(CUBE, views.registration.keypoints, None)
     rng = np.random.default_rng(0)
-    vary = augment.Augmenter([], rng, 128)
+    vary = augment.Augmenter([], rng, SIZE)
     losses = [trainer.component_step(patches.batch(16, vary, rng)) for _ in range(60)]
     assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.5
 
@@ -110,12 +111,12 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     parameters = sum(value.numel() for value in net.parameters())
     assert (out / "keypoints.onnx").stat().st_size < 1.2 * parameters
     assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0
-    crops = np.zeros((3, 128, 128, 3), np.uint8)
+    crops = np.zeros((3, SIZE, SIZE, 3), np.uint8)
     keypoints, covariances, peaks = export.predictor(out / "keypoints.onnx").run(crops)
     assert keypoints.shape == (3, 8, 2) and covariances.shape == (3, 8, 2, 2) and peaks.shape == (3, 8)
     # What others are to compare with.
     parity = json.loads((out / "parity.json").read_text())
-    crops = cv2.imread(str(out / "parity.png"), cv2.IMREAD_COLOR_RGB).reshape(-1, 128, 128, 3)
+    crops = cv2.imread(str(out / "parity.png"), cv2.IMREAD_COLOR_RGB).reshape(-1, SIZE, SIZE, 3)
     again = export.predictor(out / "keypoints.onnx").run(crops)[0]
     np.testing.assert_allclose(again, parity["keypoints_px"], atol=parity["tolerance_px"])
     assert np.ptp(again, axis=0).max() > 1, "the crops differ, and so do their keypoints"
@@ -147,6 +148,18 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
     assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
 
 
+def test_a_trained_net_keeps_what_it_knows_when_it_gets_more_blocks(rendered, tmp_path):
+    keypoints = data.Views(CUBE, rendered).registration.keypoints
+    shallow = train.Trainer(CUBE, keypoints, None)
+    for stage in shallow.average.design.encoder.stages:
+        del stage[2:]
+    shallow.save(tmp_path / "checkpoint.pt")
+    deep = train.Trainer(replace(CUBE, seed=2), keypoints, tmp_path / "checkpoint.pt").average
+    crops = torch.rand(1, 3, SIZE, SIZE, generator=torch.Generator().manual_seed(3))
+    assert sum(map(torch.numel, deep.parameters())) > sum(map(torch.numel, shallow.average.parameters()))
+    assert torch.equal(deep.eval()(crops), shallow.average.eval()(crops))
+
+
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
 def test_the_papers_losses_go_down(rendered, loss):
     """From camera poses alone: every scene is a component."""
@@ -154,7 +167,7 @@ def test_the_papers_losses_go_down(rendered, loss):
     views = data.Views(settings, rendered)
     trainer = train.Trainer(settings, views.registration.keypoints, None)
     rng = np.random.default_rng(0)
-    vary = augment.Augmenter([], rng, 128)
+    vary = augment.Augmenter([], rng, SIZE)
     batch = data.Pairs(settings, views).batch(8, vary, rng)
     losses = [trainer.pairwise_step(batch) for _ in range(60)]
     # On the same few pairs again and again: over many the losses stay on a plateau for long.
