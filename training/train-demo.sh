@@ -24,6 +24,8 @@ images cycles-alike --engine cycles --scenes 536 --views 1 --first 40000 --camou
 images cycles-camouflage --engine cycles --scenes 220 --views 1 --first 60000 --camouflage 0.7
 images cycles-copies --engine cycles --scenes 506 --views 1 --first 70000 --camouflage 0.6 --objects 2 4 --copies 4
 images cycles-copies --engine cycles --scenes 518 --views 1 --first 80000 --camouflage 0.6 --objects 1 3 --copies 4
+images cycles-copies --engine cycles --scenes 240 --views 1 --first 71000 --camouflage 0.6 --objects 2 4 --copies 4
+images cycles-copies --engine cycles --scenes 120 --views 1 --first 81000 --camouflage 0.6 --objects 1 3 --copies 4
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
@@ -48,5 +50,8 @@ for object in cube link; do
 done
 for object in bracket motor; do
 	keypoints copies/$object.toml runs/copies runs/upright/$object/checkpoint.pt
+done
+for object in cube bracket motor link; do
+	keypoints finer/$object.toml runs/finer runs/copies/$object/checkpoint.pt
 done
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

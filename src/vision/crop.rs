@@ -138,16 +138,18 @@ fn sample(from: &[u8], from_size: u32, image_from_crop: &Affine, size: u32) -> V
         let weight = ((at - (pixel << POINT)) >> (POINT - 8)).clamp(0, 256);
         (pixel as usize, weight as u32)
     };
-    let mut rgb = Vec::with_capacity(3 * size as usize * size as usize);
-    for v in 0..size {
+    let mut rgb = vec![0; 3 * size as usize * size as usize];
+    for (v, row) in (0..size).zip(rgb.chunks_exact_mut(3 * size as usize)) {
         let mut at = place(0, v).map(fixed);
-        for _ in 0..size {
+        for pixel in row.chunks_exact_mut(3) {
             let ((x, right), (y, below)) = (within(at.x), within(at.y));
             let start = y * stride + 3 * x;
             let (upper, lower) = (&from[start..start + 6], &from[start + stride..start + stride + 6]);
-            for channel in 0..3 {
-                let mix = |row: &[u8]| u32::from(row[channel]) * (256 - right) + u32::from(row[channel + 3]) * right;
-                rgb.push(((mix(upper) * (256 - below) + mix(lower) * below + (1 << 15)) >> 16) as u8);
+            let weights = [(256 - right) * (256 - below), right * (256 - below), (256 - right) * below, right * below];
+            for (channel, value) in pixel.iter_mut().enumerate() {
+                let around = [upper[channel], upper[channel + 3], lower[channel], lower[channel + 3]];
+                let sum: u32 = around.iter().zip(weights).map(|(value, weight)| u32::from(*value) * weight).sum();
+                *value = ((sum + (1 << 15)) >> 16) as u8;
             }
             at += step;
         }
