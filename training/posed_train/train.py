@@ -46,7 +46,8 @@ def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
         if name in own and own[name].shape[1:] == value.shape[1:] and own[name].shape != value.shape:
             count = min(len(own[name]), len(value))
             weights[name] = torch.cat([value[:count], own[name][count:]])
-    model.load_state_dict(own | weights)
+    blocks = {name: value for name, value in own.items() if ".stages." in name}
+    model.load_state_dict(blocks | weights)
 
 
 class Trainer(optimise.Run):

@@ -158,6 +158,8 @@ def test_a_trained_net_keeps_what_it_knows_when_it_gets_more_blocks(rendered, tm
     crops = torch.rand(1, 3, SIZE, SIZE, generator=torch.Generator().manual_seed(3))
     assert sum(map(torch.numel, deep.parameters())) > sum(map(torch.numel, shallow.average.parameters()))
     assert torch.equal(deep.eval()(crops), shallow.average.eval()(crops))
+    with pytest.raises(RuntimeError, match=r"design\.head\.weight"):
+        train.start_from(deep, {k: v for k, v in shallow.average.state_dict().items() if "head" not in k})
 
 
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
