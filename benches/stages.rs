@@ -14,7 +14,7 @@ use posed::estimator::{
 use posed::geometry::{Camera, Covariance6, Pose};
 use posed::model::Provider;
 use posed::pnp::{Options, Verdict, solve};
-use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, Square, crop_square, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, Square, crop_squares, decode, letterbox};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
@@ -30,13 +30,10 @@ fn stages(criterion: &mut Criterion) {
         b.iter(|| letterbox(&mut resizer, black_box(&image), to));
     });
     let square = Square::around(&region).scaled(1.5);
-    for (name, square) in [("cut four crops", square), ("cut four turned crops", square.turned(0.5))] {
+    let second_look = [(0.95, 0.3), (1.0, 0.5), (1.05, 0.7)].map(|(scale, turn)| square.scaled(scale).turned(turn));
+    for (name, squares) in [("cut a first crop", &[square][..]), ("cut the crops of a second look", &second_look)] {
         criterion.bench_function(name, |b| {
-            b.iter(|| {
-                for _ in 0..4 {
-                    black_box(crop_square(&mut resizer, &image, &square, 128)).ok();
-                }
-            });
+            b.iter(|| crop_squares(&mut resizer, black_box(&image), squares, 160));
         });
     }
     let (points, pixels) = problem();

@@ -13,7 +13,7 @@ use crate::model::{
     RuntimeError, SecondLook,
 };
 use crate::pnp::{self, PnpError, Solution};
-use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_square, find_peak, to_planes};
+use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_squares, find_peak, to_planes};
 
 /// Crops that go through a network at once: more bring no speed, but memory.
 const MAX_BATCH: usize = 16;
@@ -52,9 +52,9 @@ fn cut_all<'a>(
     variants: &[CropVariant],
 ) -> Result<Crops<'a>, ResampleError> {
     let whole = place.scaled(manifest.crop_scale);
-    let squares = variants.iter().map(|variant| whole.scaled(variant.scale).turned(variant.turn_deg.to_radians()));
-    let resampled =
-        squares.map(|square| crop_square(resizer, image, &square, manifest.input.size)).collect::<Result<_, _>>()?;
+    let square = |variant: &CropVariant| whole.scaled(variant.scale).turned(variant.turn_deg.to_radians());
+    let squares: Vec<Square> = variants.iter().map(square).collect();
+    let resampled = crop_squares(resizer, image, &squares, manifest.input.size)?;
     Ok(Crops { image, place, resampled })
 }
 

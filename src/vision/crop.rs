@@ -1,5 +1,7 @@
 //! Square crops, as the trainer (`training/posed_train/crops.py`) cuts them.
 
+use std::ops::RangeInclusive;
+
 use fast_image_resize::{ResizeOptions, Resizer};
 use image::RgbImage;
 use nalgebra::Vector2;
@@ -21,6 +23,9 @@ pub struct Square {
 /// Largest crop, in image pixels: a box may reach beyond the image, but its padding must stay bounded.
 const MAX_CROP_PX: f64 = 32_768.0;
 
+/// Turned squares whose sides differ more are each resized by themselves: the larger one would not be antialiased.
+const SHARED_RATIOS: RangeInclusive<f64> = 0.8..=1.25;
+
 impl Square {
     /// As large as the larger side of a box.
     #[must_use]
@@ -40,6 +45,11 @@ impl Square {
         Self { turn: self.turn + angle, ..self }
     }
 
+    fn is_bounded(&self) -> bool {
+        let bounded = |value: f64| value.abs() <= MAX_CROP_PX; // false for NaN
+        self.side >= 1.0 && bounded(self.side) && self.centre.iter().copied().all(bounded) && self.turn.is_finite()
+    }
+
     /// Image pixels to those of a crop of `size` x `size`.
     fn crop_from_image(&self, size: u32) -> Affine {
         let middle = Vector2::repeat(f64::from(size - 1) / 2.0);
@@ -52,41 +62,40 @@ impl Square {
     }
 }
 
-/// A square resized to `size` x `size` pixels: bilinear, antialiased when shrinking. What lies outside the image is
+/// Squares, each resized to `size` x `size` pixels: bilinear, antialiased when shrinking. What lies outside the image is
 /// black.
 ///
 /// # Errors
-/// When the square is empty, not finite, or far larger than an image.
-pub fn crop_square(
+/// When a square is empty, not finite, or far larger than an image.
+pub fn crop_squares(
     resizer: &mut Resizer,
     image: &RgbImage,
-    square: &Square,
+    squares: &[Square],
     size: u32,
-) -> Result<Resampled, ResampleError> {
-    let bounded = |value: f64| value.abs() <= MAX_CROP_PX; // false for NaN
-    let finite = square.centre.iter().copied().all(bounded) && square.turn.is_finite();
-    if !(square.side >= 1.0 && bounded(square.side) && finite && size > 0) {
+) -> Result<Vec<Resampled>, ResampleError> {
+    let usable = |square: &Square| square.is_bounded() && size > 0;
+    if let Some(square) = squares.iter().find(|square| !usable(square)) {
         return Err(ResampleError::Region(*square));
     }
-    let crop_from_image = square.crop_from_image(size);
-    let rgb = if square.turn == 0.0 {
-        cut_upright(resizer, image, square, size)?
-    } else {
-        let (around, around_size) = upright_around(square, size);
-        let pixels = cut_upright(resizer, image, &around, around_size)?;
-        let around_from_crop = around.crop_from_image(around_size) * crop_from_image.inverse();
-        sample(&pixels, around_size, &around_from_crop, size)
+    let turned: Vec<Square> = squares.iter().filter(|square| square.turn != 0.0).copied().collect();
+    let shared = if alike(&turned) { Some(Canvas::holding(resizer, image, &turned, size)?) } else { None };
+    let cut = |square: &Square| {
+        let rgb = match &shared {
+            _ if square.turn == 0.0 => cut_upright(resizer, image, square, size)?,
+            Some(canvas) => canvas.sample(square, size),
+            None => Canvas::holding(resizer, image, &[*square], size)?.sample(square, size),
+        };
+        Ok(Resampled { rgb, crop_from_image: square.crop_from_image(size) })
     };
-    Ok(Resampled { rgb, crop_from_image })
+    squares.iter().map(cut).collect()
 }
 
-/// The smallest upright square that holds a turned one, of about the same resolution, and its size.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1.42 of a size")]
-fn upright_around(square: &Square, size: u32) -> (Square, u32) {
-    let reach = square.turn.cos().abs() + square.turn.sin().abs();
-    let around_size = (f64::from(size) * reach).ceil().max(2.0); // two pixels to sample between
-    let around = Square { turn: 0.0, ..square.scaled(around_size / f64::from(size)) };
-    (around, around_size as u32)
+/// Whether these are several squares that can be sampled from the same pixels.
+fn alike(squares: &[Square]) -> bool {
+    let [first, others @ ..] = squares else { return false };
+    let like_first =
+        |other: &Square| other.centre == first.centre && SHARED_RATIOS.contains(&(other.side / first.side));
+    !others.is_empty() && others.iter().all(like_first)
 }
 
 fn cut_upright(resizer: &mut Resizer, image: &RgbImage, square: &Square, size: u32) -> Result<Vec<u8>, ResampleError> {
@@ -119,42 +128,72 @@ fn cut_padded(image: &RgbImage, first: Vector2<f64>, last: Vector2<f64>) -> RgbI
     canvas
 }
 
-/// Binary places of the fixed-point coordinates.
+/// An upright part of an image, from which turned squares are sampled.
+struct Canvas {
+    /// Row by row, each pixel's channels in the lanes of one number.
+    lanes: Vec<u64>,
+    /// Pixels of a side.
+    size: u32,
+    canvas_from_image: Affine,
+}
+
+/// Bits of a lane: a level times all of [`WEIGHT`], rounded, fits.
+const LANE: u32 = 21;
+/// Binary places of the weights of the four pixels around a sample.
+const WEIGHT: u32 = 13;
+/// Binary places of the coordinates.
 const POINT: u32 = 16;
 
-/// A turned square of an image of `from_size` x `from_size` pixels, bilinear, as `size` x `size` pixels. Every sample
-/// must lie within the image, but for rounding.
-///
-/// In fixed point, since libraries that sample in floats with checks at each pixel take ten times as long.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within an image; weights up to 256")]
-fn sample(from: &[u8], from_size: u32, image_from_crop: &Affine, size: u32) -> Vec<u8> {
-    let fixed = |value: f64| (value * f64::from(1u32 << POINT)).round() as i64;
-    let place = |u: u32, v: u32| image_from_crop.apply(&Vector2::new(f64::from(u), f64::from(v)));
-    let step = (place(1, 0) - place(0, 0)).map(fixed);
-    let stride = 3 * from_size as usize;
-    let last = i64::from(from_size.saturating_sub(2)); // the pixel right of and below it is the image's last
-    let within = |at: i64| {
-        let pixel = (at >> POINT).clamp(0, last);
-        let weight = ((at - (pixel << POINT)) >> (POINT - 8)).clamp(0, 256);
-        (pixel as usize, weight as u32)
-    };
-    let mut rgb = vec![0; 3 * size as usize * size as usize];
-    for (v, row) in (0..size).zip(rgb.chunks_exact_mut(3 * size as usize)) {
-        let mut at = place(0, v).map(fixed);
-        for pixel in row.chunks_exact_mut(3) {
-            let ((x, right), (y, below)) = (within(at.x), within(at.y));
-            let start = y * stride + 3 * x;
-            let (upper, lower) = (&from[start..start + 6], &from[start + stride..start + stride + 6]);
-            let weights = [(256 - right) * (256 - below), right * (256 - below), (256 - right) * below, right * below];
-            for (channel, value) in pixel.iter_mut().enumerate() {
-                let around = [upper[channel], upper[channel + 3], lower[channel], lower[channel + 3]];
-                let sum: u32 = around.iter().zip(weights).map(|(value, weight)| u32::from(*value) * weight).sum();
-                *value = ((sum + (1 << 15)) >> 16) as u8;
-            }
-            at += step;
-        }
+impl Canvas {
+    /// The smallest that holds these squares about one centre, with the resolution of the smallest of them and a pixel
+    /// more on every side.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "about 1 to 2 times a size")]
+    fn holding(resizer: &mut Resizer, image: &RgbImage, squares: &[Square], size: u32) -> Result<Self, ResampleError> {
+        let pixel = squares.iter().map(|square| square.side).fold(f64::INFINITY, f64::min) / f64::from(size);
+        let reach = squares.iter().map(|square| square.side * (square.turn.cos().abs() + square.turn.sin().abs()));
+        let canvas_size = (reach.fold(0.0, f64::max) / pixel).ceil() + 2.0;
+        let around = Square { centre: squares[0].centre, side: canvas_size * pixel, turn: 0.0 };
+        let size = canvas_size as u32;
+        let rgb = cut_upright(resizer, image, &around, size)?;
+        let spread = |rgb: &[u8]| u64::from(rgb[0]) | u64::from(rgb[1]) << LANE | u64::from(rgb[2]) << (2 * LANE);
+        let lanes = rgb.chunks_exact(3).map(spread).collect();
+        Ok(Self { lanes, size, canvas_from_image: around.crop_from_image(size) })
     }
-    rgb
+
+    /// One of the squares, bilinear, as `size` x `size` pixels.
+    ///
+    /// In fixed point and with the channels in one number, since libraries that sample in floats with checks at each
+    /// pixel take more than ten times as long.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the canvas; single channels")]
+    fn sample(&self, square: &Square, size: u32) -> Vec<u8> {
+        let canvas_from_crop = self.canvas_from_image * square.crop_from_image(size).inverse();
+        let fixed = |value: f64| (value * f64::from(1u32 << POINT)).round() as i64;
+        let place = |u: u32, v: u32| canvas_from_crop.apply(&Vector2::new(f64::from(u), f64::from(v)));
+        let step = (place(1, 0) - place(0, 0)).map(fixed);
+        let half = (1 << (WEIGHT - 1)) * (1 | 1 << LANE | 1 << (2 * LANE));
+        let stride = self.size as usize;
+        let mut rgb = vec![0; 3 * size as usize * size as usize];
+        for (v, row) in (0..size).zip(rgb.chunks_exact_mut(3 * size as usize)) {
+            let mut at = place(0, v).map(fixed);
+            for pixel in row.chunks_exact_mut(3) {
+                let [right, below] = [at.x, at.y].map(|at| (at >> (POINT - 8)) as u64 & 255);
+                let both = (right * below) >> (16 - WEIGHT);
+                let [right, below] = [right, below].map(|weight| weight << (WEIGHT - 8));
+                let start = (at.y >> POINT) as usize * stride + (at.x >> POINT) as usize;
+                let (upper, lower) = (&self.lanes[start..start + 2], &self.lanes[start + stride..start + stride + 2]);
+                let sum = upper[0] * ((1 << WEIGHT) + both - right - below)
+                    + upper[1] * (right - both)
+                    + lower[0] * (below - both)
+                    + lower[1] * both
+                    + half;
+                for (lane, value) in (0..).zip(pixel) {
+                    *value = (sum >> (lane * LANE + WEIGHT)) as u8;
+                }
+                at += step;
+            }
+        }
+        rgb
+    }
 }
 
 #[cfg(test)]
@@ -164,22 +203,31 @@ mod tests {
     use super::*;
     use crate::vision::resample::tests::{map, pixel};
     use proptest::prelude::*;
+    use std::f64::consts::PI;
+
+    fn crop(image: &RgbImage, square: Square, size: u32) -> Resampled {
+        crop_squares(&mut Resizer::new(), image, &[square], size).unwrap().remove(0)
+    }
 
     proptest! {
         #[test]
         fn crop_pixels_lie_where_the_affine_says(
-            size in 32u32..200, side in 20.0..90.0f64, turn in prop_oneof![Just(0.0), -7.0..7.0f64], column in 0.0..1.0f64, row in 0.0..1.0f64,
+            size in 32u32..200, side in 20.0..74.0f64, turn in prop_oneof![Just(0.0), -7.0..7.0f64],
+            other_side in 0.7..1.4f64, other_turn in -1.0..1.0f64, column in 0.0..1.0f64, row in 0.0..1.0f64,
         ) {
             let square = Square { centre: Vector2::new(100.4, 74.7), side, turn };
-            let crop = crop_square(&mut Resizer::new(), &map(200, 150), &square, size).unwrap();
+            let squares = [square, square.scaled(other_side).turned(other_turn)];
+            let crops = crop_squares(&mut Resizer::new(), &map(200, 150), &squares, size).unwrap();
             let [x, y] = [column, row].map(|share| (share * f64::from(size - 1)) as u32);
-            let at = crop.crop_from_image.inverse().apply(&Vector2::new(f64::from(x), f64::from(y)));
-            let [red, green, blue] = pixel(&crop, size, x, y);
-            // A turned crop is rounded to whole levels twice.
-            let tolerance = if turn == 0.0 { 1.0 } else { 1.3 };
-            prop_assert!((f64::from(red) - at.x).abs() < tolerance, "{} {}", red, at);
-            prop_assert!((f64::from(green) - at.y).abs() < tolerance, "{} {}", green, at);
-            prop_assert_eq!(blue, 77);
+            for (crop, square) in crops.iter().zip(&squares) {
+                let at = crop.crop_from_image.inverse().apply(&Vector2::new(f64::from(x), f64::from(y)));
+                let [red, green, blue] = pixel(crop, size, x, y);
+                // A turned crop is rounded to whole levels twice.
+                let tolerance = if square.turn == 0.0 { 1.0 } else { 1.3 };
+                prop_assert!((f64::from(red) - at.x).abs() < tolerance, "{} {}", red, at);
+                prop_assert!((f64::from(green) - at.y).abs() < tolerance, "{} {}", green, at);
+                prop_assert_eq!(blue, 77);
+            }
         }
     }
 
@@ -195,19 +243,34 @@ mod tests {
             ("turned.png", 96, [60.25, 40.5, 70.0, 52.0], 0.4, 2),
         ] {
             let square = Square::around(&BoundingBox { x, y, width, height }).scaled(1.5).turned(turn);
-            let crop = crop_square(&mut Resizer::new(), &image, &square, size).unwrap();
+            let crop = crop(&image, square, size);
             let worst = crop.rgb.iter().zip(open(name).as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(worst <= Some(tolerance), "{name}: differs by {worst:?}");
         }
     }
 
     #[test]
+    fn crops_that_share_their_pixels_show_the_same() {
+        let image = image::open("samples/sample-1.jpg").unwrap().into_rgb8();
+        let square = Square { centre: Vector2::new(300.2, 240.9), side: 180.0, turn: 0.4 };
+        let squares = [square.scaled(0.95).turned(-0.17), square, square.scaled(1.05).turned(0.17)];
+        let shared = crop_squares(&mut Resizer::new(), &image, &squares, 96).unwrap();
+        for (shared, square) in shared.iter().zip(squares) {
+            let alone = crop(&image, square, 96);
+            assert_eq!(shared.crop_from_image, alone.crop_from_image);
+            let apart: u32 = shared.rgb.iter().zip(&alone.rgb).map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
+            let mean = f64::from(apart) / alone.rgb.len() as f64;
+            assert!(mean < 0.5, "differs by {mean} levels in the mean");
+        }
+    }
+
+    #[test]
     fn a_crop_beyond_the_image_is_black_there() {
         let square = Square { centre: Vector2::new(-0.5, 59.5), side: 60.0, turn: 0.0 };
-        let crop = crop_square(&mut Resizer::new(), &map(100, 100), &square, 64).unwrap();
-        assert_eq!(pixel(&crop, 64, 2, 32), [0, 0, 0]);
-        assert_eq!(pixel(&crop, 64, 62, 32)[2], 77);
-        let over = crop_square(&mut Resizer::new(), &map(100, 100), &square.turned(std::f64::consts::PI), 64).unwrap();
+        let border = crop(&map(100, 100), square, 64);
+        assert_eq!(pixel(&border, 64, 2, 32), [0, 0, 0]);
+        assert_eq!(pixel(&border, 64, 62, 32)[2], 77);
+        let over = crop(&map(100, 100), square.turned(PI), 64);
         assert_eq!(pixel(&over, 64, 62, 32), [0, 0, 0]);
         assert_eq!(pixel(&over, 64, 2, 32)[2], 77);
     }
@@ -224,9 +287,9 @@ mod tests {
             (0.0, 10.0, f64::NAN),
         ] {
             let square = Square { centre: Vector2::new(x, 0.0), side, turn };
-            assert!(crop_square(&mut Resizer::new(), &image, &square, 64).is_err(), "{square:?}");
+            assert!(crop_squares(&mut Resizer::new(), &image, &[square], 64).is_err(), "{square:?}");
         }
-        let square = Square { centre: Vector2::new(20.0, 20.0), side: 10.0, turn: std::f64::consts::PI };
-        assert_eq!(crop_square(&mut Resizer::new(), &image, &square, 1).unwrap().rgb.len(), 3);
+        let square = Square { centre: Vector2::new(20.0, 20.0), side: 10.0, turn: PI };
+        assert_eq!(crop(&image, square, 1).rgb.len(), 3);
     }
 }

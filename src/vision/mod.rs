@@ -7,7 +7,7 @@ mod overlay;
 mod resample;
 mod tensor;
 
-pub use crop::{Square, crop_square};
+pub use crop::{Square, crop_squares};
 pub use decode::{DecodeError, DecodeOptions, Decoded, Exif, OrientationPolicy, decode};
 pub use heatmap::{Peak, find_peak};
 pub use overlay::{Mark, PoseMark, draw_marks, encode};
