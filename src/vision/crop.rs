@@ -134,7 +134,8 @@ struct Canvas {
     lanes: Vec<u64>,
     /// Pixels of a side.
     size: u32,
-    canvas_from_image: Affine,
+    /// Image pixels to those of the canvas.
+    from_image: Affine,
 }
 
 /// Bits of a lane: a level times all of [`WEIGHT`], rounded, fits.
@@ -157,7 +158,7 @@ impl Canvas {
         let rgb = cut_upright(resizer, image, &around, size)?;
         let spread = |rgb: &[u8]| u64::from(rgb[0]) | u64::from(rgb[1]) << LANE | u64::from(rgb[2]) << (2 * LANE);
         let lanes = rgb.chunks_exact(3).map(spread).collect();
-        Ok(Self { lanes, size, canvas_from_image: around.crop_from_image(size) })
+        Ok(Self { lanes, size, from_image: around.crop_from_image(size) })
     }
 
     /// One of the squares, bilinear, as `size` x `size` pixels.
@@ -166,7 +167,7 @@ impl Canvas {
     /// pixel take more than ten times as long.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the canvas; single channels")]
     fn sample(&self, square: &Square, size: u32) -> Vec<u8> {
-        let canvas_from_crop = self.canvas_from_image * square.crop_from_image(size).inverse();
+        let canvas_from_crop = self.from_image * square.crop_from_image(size).inverse();
         let fixed = |value: f64| (value * f64::from(1u32 << POINT)).round() as i64;
         let place = |u: u32, v: u32| canvas_from_crop.apply(&Vector2::new(f64::from(u), f64::from(v)));
         let step = (place(1, 0) - place(0, 0)).map(fixed);
