@@ -164,10 +164,9 @@ class Trainer(optimise.Run):
         model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
             state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
-            own = model.backbone.encoder
-            # A keypoint net's encoder may have more blocks.
-            names = {name: f"design.encoder.{name}" for name in own.state_dict()}
-            own.load_state_dict({name: state[stored] for name, stored in names.items() if stored in state})
+            prefix = "design.encoder."
+            own = {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
+            model.backbone.encoder.load_state_dict(own)
         super().__init__(model, config.learning_rate, config.steps)
 
     def train_step(self, samples: list[Sample]) -> float:

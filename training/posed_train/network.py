@@ -28,8 +28,6 @@ class BasicBlock(nn.Module):
         self.conv2 = conv_bn(channels_out, channels_out, dilation=dilation)
         same = stride == 1 and channels_in == channels_out
         self.shortcut = nn.Identity() if same else conv_bn(channels_in, channels_out, 1, stride)
-        if same:  # Starts as the identity, so that a trained net can be deepened without losing what it knows.
-            nn.init.zeros_(self.conv2[1].weight)
 
     def forward(self, x: Tensor) -> Tensor:
         y = F.relu(self.conv1(x), inplace=True)
@@ -37,15 +35,14 @@ class BasicBlock(nn.Module):
 
 
 class Encoder(nn.Module):
-    """Feature maps at stride 2 and, from `blocks` residual blocks each, at 4, 8, and so on."""
+    """Feature maps at strides 2, 4, 8 and 16 (and 32 where `widths` has a fifth entry)."""
 
-    def __init__(self, widths: tuple[int, ...] = (24, 32, 64, 128, 256), blocks: tuple[int, ...] = (2, 2, 2, 2)):
+    def __init__(self, widths: tuple[int, ...] = (24, 32, 64, 128, 256)):
         super().__init__()
         self.widths = widths
         self.stem = conv_bn(3, widths[0], 5, 2)
         self.stages = nn.ModuleList(
-            nn.Sequential(BasicBlock(a, b, 2), *(BasicBlock(b, b, 1) for _ in range(count - 1)))
-            for (a, b), count in zip(pairwise(widths), blocks, strict=True)
+            nn.Sequential(BasicBlock(a, b, 2), BasicBlock(b, b, 1)) for a, b in pairwise(widths)
         )
 
     def forward(self, x: Tensor) -> list[Tensor]:
@@ -73,13 +70,13 @@ class Decoder(nn.Module):
 
 
 class Lite(nn.Module):
-    """3.1 M parameters; 160 px in, heatmaps at stride 2."""
+    """3.0 M parameters; 160 px in, heatmaps at stride 2."""
 
     input_size, stride = 160, 2
 
     def __init__(self, keypoints: int):
         super().__init__()
-        self.encoder = Encoder(blocks=(3, 3, 2, 2))
+        self.encoder = Encoder()
         self.decoder = Decoder(self.encoder.widths)
         self.head = nn.Conv2d(self.encoder.widths[0], keypoints, 1)
 

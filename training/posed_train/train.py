@@ -38,16 +38,14 @@ def predictor(model: KeypointNet, heights: np.ndarray | None) -> Predictor:
 
 
 def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
-    """Takes a trained net's weights, which may have fewer blocks. Of a head for another number of keypoints it takes
-    the first ones: the solids' vertices come in a fixed order, and a rhombic dodecahedron's first eight are the
-    cube's."""
+    """Takes a trained net's weights. Of a head for another number of keypoints it takes the first ones: the solids'
+    vertices come in a fixed order, and a rhombic dodecahedron's first eight are the cube's."""
     own = model.state_dict()
     for name, value in weights.items():
         if name in own and own[name].shape[1:] == value.shape[1:] and own[name].shape != value.shape:
             count = min(len(own[name]), len(value))
             weights[name] = torch.cat([value[:count], own[name][count:]])
-    blocks = {name: value for name, value in own.items() if ".stages." in name}
-    model.load_state_dict(blocks | weights)
+    model.load_state_dict(weights)
 
 
 class Trainer(optimise.Run):

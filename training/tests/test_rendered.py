@@ -148,20 +148,6 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
     assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
 
 
-def test_a_trained_net_keeps_what_it_knows_when_it_gets_more_blocks(rendered, tmp_path):
-    keypoints = data.Views(CUBE, rendered).registration.keypoints
-    shallow = train.Trainer(CUBE, keypoints, None)
-    for stage in shallow.average.design.encoder.stages:
-        del stage[2:]
-    shallow.save(tmp_path / "checkpoint.pt")
-    deep = train.Trainer(replace(CUBE, seed=2), keypoints, tmp_path / "checkpoint.pt").average
-    crops = torch.rand(1, 3, SIZE, SIZE, generator=torch.Generator().manual_seed(3))
-    assert sum(map(torch.numel, deep.parameters())) > sum(map(torch.numel, shallow.average.parameters()))
-    assert torch.equal(deep.eval()(crops), shallow.average.eval()(crops))
-    with pytest.raises(RuntimeError, match=r"design\.head\.weight"):
-        train.start_from(deep, {k: v for k, v in shallow.average.state_dict().items() if "head" not in k})
-
-
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
 def test_the_papers_losses_go_down(rendered, loss):
     """From camera poses alone: every scene is a component."""
