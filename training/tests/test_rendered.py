@@ -146,6 +146,8 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
     settings = config.DetectorConfig(["cube"], [1], "train", "", "", steps=1, batch=1)
     encoder = detector.Trainer(settings, tmp_path / "checkpoint.pt").model.backbone.encoder.state_dict()
     assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
+    with pytest.raises(RuntimeError, match=r"design\.head\.weight"):
+        train.start_from(first.model, {k: v for k, v in first.average.state_dict().items() if "head" not in k})
 
 
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
