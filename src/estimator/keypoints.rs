@@ -21,6 +21,13 @@ const MAX_BATCH: usize = 16;
 /// A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong.
 const ZOOMED_PER_BOX: RangeInclusive<f64> = 0.5..=2.5;
 
+/// Looks at one box. From the second one on a look is followed by another only where its keypoints lie elsewhere than it
+/// was cut for, as happens where the object is half hidden.
+const MAX_LOOKS: usize = 4;
+
+/// By how much the size and the centre of two places differ, of their size, for the second to be elsewhere.
+const ELSEWHERE: f64 = 0.03;
+
 /// Mean distance of two crops' keypoints, of the side of their place. One crop of a symmetric object may show other
 /// keypoints than the next, and be as right; their mean is not.
 const MAX_DISAGREEMENT: f64 = 0.1;
@@ -82,20 +89,28 @@ pub(super) fn locate(
     let Some(SecondLook { zoom, up }) = manifest.second_look else { return Ok(found) };
     let up = Vector3::from(up);
     let heights: Vec<f64> = manifest.keypoints().iter().map(|point| point.dot(&up)).collect();
-    let (mut which, mut closer) = (Vec::new(), Vec::new());
-    for (at, (first, prediction)) in crops.iter().zip(&found).enumerate() {
-        if let Some(place) = zoomed(prediction, &heights, &first.place, zoom) {
-            which.push(at);
-            closer.push(cut_all(manifest, resizer, first.image, place, &manifest.crop_ensemble)?);
+    let mut looked: Vec<(usize, Square)> = crops.iter().map(|first| first.place).enumerate().collect();
+    for look in 1..MAX_LOOKS {
+        let again = |(at, place): (usize, Square)| {
+            let next = zoomed(&found[at], &heights, &crops[at].place, zoom)?;
+            (look == 1 || elsewhere(&next, &place)).then_some((at, next))
+        };
+        looked = looked.into_iter().filter_map(again).collect();
+        if looked.is_empty() {
+            break;
         }
-    }
-    for (at, prediction) in which.into_iter().zip(predict(manifest, network, &closer)?) {
-        found[at] = prediction;
+        let cut = |(at, place): &(usize, Square)| {
+            cut_all(manifest, resizer, crops[*at].image, *place, &manifest.crop_ensemble)
+        };
+        let closer = looked.iter().map(cut).collect::<Result<Vec<_>, _>>()?;
+        for ((at, _), prediction) in looked.iter().zip(predict(manifest, network, &closer)?) {
+            found[*at] = prediction;
+        }
     }
     Ok(found)
 }
 
-/// Where to look again: about the keypoints' centre, as large as they are spread, and so that the axis points up along
+/// Where to look next: about the keypoints' centre, as large as they are spread, and so that the axis points up along
 /// which they have these `heights`. `None` where that is no place for the object of this box.
 fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom: f64) -> Option<Square> {
     let share = (prediction.pixels.len() as f64).recip();
@@ -109,6 +124,11 @@ fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom
         side,
         turn: f64::atan2(-axis.x, -axis.y),
     })
+}
+
+fn elsewhere(next: &Square, place: &Square) -> bool {
+    let moved = (next.centre - place.centre).amax() / place.side;
+    moved.max((next.side / place.side).ln().abs()) > ELSEWHERE
 }
 
 /// The keypoints of many boxes by their crops.

@@ -66,15 +66,22 @@ fn place(crop: &[u8]) -> Place {
 type Places = Arc<Mutex<Vec<Vec<Place>>>>;
 
 /// A net that sees the object's corners wherever the crop was cut, and notes where that was: for each run its crops.
-#[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
 fn seeing(places: &Places) -> Script {
+    seeing_beside(places, |_| 0.0)
+}
+
+/// One that sees them so many pixels to the right in each run.
+#[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
+fn seeing_beside(places: &Places, right: impl Fn(usize) -> f64 + Send + Sync + 'static) -> Script {
     let places = Arc::clone(places);
     let keypoints = Arc::new(move |input: Input<'_>| {
         let Input::Bytes { shape, values } = input else { panic!("bytes were expected") };
         let crops: Vec<Place> = values.chunks_exact(values.len() / shape[0]).map(place).collect();
-        let in_crop = |crop: &Place| corner_pixels().map(|pixel| crop.in_crop(&pixel));
+        let mut places = places.lock().unwrap();
+        let beside = Vector2::new(right(places.len()), 0.0);
+        let in_crop = |crop: &Place| corner_pixels().map(|pixel| crop.in_crop(&(pixel + beside)));
         let pixels = crops.iter().flat_map(in_crop).flat_map(|uv| [uv.x as f32, uv.y as f32]).collect();
-        places.lock().unwrap().push(crops);
+        places.push(crops);
         Ok(sure_of(shape[0], pixels))
     });
     Script { keypoints, ..Script::default() }
@@ -118,6 +125,25 @@ fn the_second_crops_lie_about_the_keypoints() {
     assert_eq!(found.verdict.status, Status::Ok);
     let pose = found.pose.as_ref().unwrap().camera_from_object;
     assert!(pose.angle_to(&truth()) < 0.05, "{pose:?}");
+}
+
+/// What a look sees elsewhere than it was cut for is looked at there, until it stays.
+#[test]
+fn looks_follow_the_keypoints() {
+    let places = Places::default();
+    let answer = estimate(true, seeing_beside(&places, |run| if run == 0 { 12.0 } else { 0.0 }));
+    let places = places.lock().unwrap();
+    assert_eq!(places.iter().map(Vec::len).collect::<Vec<_>>(), [1, 3, 3]);
+    let (second, third) = (places[1][1].centre(), places[2][1].centre());
+    assert!((second - third - Vector2::new(12.0, 0.0)).amax() < 1.0, "{second}, {third}");
+    assert!(answer.poses[0].pose.as_ref().unwrap().camera_from_object.angle_to(&truth()) < 0.05);
+}
+
+#[test]
+fn keypoints_that_never_stay_are_followed_three_times() {
+    let places = Places::default();
+    estimate(true, seeing_beside(&places, |run| if run % 2 == 0 { 12.0 } else { 0.0 }));
+    assert_eq!(places.lock().unwrap().iter().map(Vec::len).collect::<Vec<_>>(), [1, 3, 3, 3]);
 }
 
 #[test]

@@ -4,9 +4,9 @@ A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its 
 `crop_from_image`: pixel centres are at integer coordinates, so the square's left edge lies at `x - 0.5`.
 
 The net looks twice: into a crop around the box, then into one around the keypoints it found there. The first box errs
-as detectors do, and shrinks where the object is half hidden; the second does neither. The second crop is also turned so
-that the object stands upright in it (an axis of it points up): of the three degrees of freedom of its rotation the net
-need learn but two.
+as detectors do, and shrinks where the object is half hidden; the second does neither. If the keypoints then lie elsewhere
+than it was cut for, they are followed. The second crop is also turned so that the object stands upright in it (an axis
+of it points up): of the three degrees of freedom of its rotation the net need learn but two.
 """
 
 from dataclasses import dataclass, replace
@@ -22,6 +22,8 @@ ZOOM = 2.75
 """Side of the second box over the root mean square distance of the keypoints from their centre."""
 ZOOMED_PER_BOX = (0.5, 2.5)
 """A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong."""
+ELSEWHERE = 0.03
+"""By how much the size and the centre of two places differ, of their size, for the second to be elsewhere."""
 PATCH_SCALE = 2.4  # what training keeps around the object: room for rotation and box noise
 PATCH_PER_INPUT = 1.5  # pixels of a patch for one of the network's input: a patch is not blurred by being cut again
 
@@ -184,3 +186,9 @@ def look_closer(keypoints: np.ndarray, heights: np.ndarray, box: Square) -> Squa
     near = np.abs(zoomed.centre - box.centre).max() <= box.side
     least, most = ZOOMED_PER_BOX
     return zoomed if near and least <= zoomed.side / box.side <= most else None
+
+
+def elsewhere(closer: Square, place: Square) -> bool:
+    """Whether keypoints lie so far from where a crop was cut for them that it is worth a look there."""
+    moved = np.abs(closer.centre - place.centre).max() / place.side
+    return max(moved, abs(np.log(closer.side / place.side))) > ELSEWHERE

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import metrics
 from .bop import View, read_rgb
-from .crops import Square, Variant, crops_around, look_closer
+from .crops import Square, Variant, crops_around, elsewhere, look_closer
 from .registration import project
 
 
@@ -25,6 +25,8 @@ class Predictor:
 
 CROP_ENSEMBLE = (Variant(0.95, -10), Variant(), Variant(1.05, 10))
 """The crops that keypoints are averaged over."""
+MAX_LOOKS = 4
+"""From the second one on, a look is followed by another only where its keypoints lie elsewhere than it was cut for."""
 MAX_DISAGREEMENT = 0.1
 """Mean distance of two crops' keypoints, of the box's side. One crop of a symmetric object may show other keypoints
 than the next, and be as right; their mean is not."""
@@ -50,9 +52,13 @@ def predict_views(
         if predictor.heights is None:
             predictions.append(look(predictor, view, image, box, ensemble))
             continue
-        prediction = look(predictor, view, image, box, (Variant(),))
-        closer = look_closer(prediction.keypoints, predictor.heights, box)
-        predictions.append(look(predictor, view, image, closer, ensemble) if closer else prediction)
+        prediction, place = look(predictor, view, image, box, (Variant(),)), box
+        for again in range(MAX_LOOKS - 1):
+            closer = look_closer(prediction.keypoints, predictor.heights, box)
+            if closer is None or (again and not elsewhere(closer, place)):
+                break
+            prediction, place = look(predictor, view, image, closer, ensemble), closer
+        predictions.append(prediction)
     return predictions
 
 

@@ -1,0 +1,63 @@
+"""Where a net looks, and how often."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from posed_train.bop import View
+from posed_train.validate import CROP_ENSEMBLE, Predictor, predict_views
+
+SIZE = 64
+KEYPOINTS = np.array([[110.0, 80], [150, 84], [148, 118], [112, 116]])
+HEIGHTS = np.array([1.0, 1, -1, -1])
+
+
+@pytest.fixture
+def view(tmp_path: Path) -> View:
+    """Its pixels say where they are."""
+    across, down = np.meshgrid(np.arange(240), np.arange(200))
+    path = tmp_path / "chart.png"
+    Image.fromarray(np.stack([across, down, 0 * down], axis=-1).astype(np.uint8)).save(path)
+    return View("test", "000000", 0, path, None, np.eye(3), None, None, (95, 62, 70, 75), 1.0)
+
+
+def beside_by(pixels: float) -> np.ndarray:
+    return KEYPOINTS + np.array([pixels, 0])
+
+
+def seeing(right: list[float]) -> tuple[Predictor, list[int]]:
+    """A net that sees the keypoints so many pixels to the right in each run, and the number of crops of each run."""
+    runs: list[int] = []
+
+    def run(crops: np.ndarray):
+        beside = beside_by(right[min(len(runs), len(right) - 1)])
+        runs.append(len(crops))
+        middle, arms = (SIZE - 1) / 2, np.stack(np.meshgrid(*[np.arange(SIZE) - (SIZE - 1) / 2] * 2), -1)
+        found = []
+        for crop in crops[..., :2].astype(float):
+            slopes = np.einsum("yxa,yxc->ca", arms, crop) / (arms[..., 0] ** 2).sum()
+            found.append((beside - crop.mean((0, 1))) @ np.linalg.inv(slopes).T + middle)
+        count = len(crops), len(KEYPOINTS)
+        return np.stack(found), np.broadcast_to(np.eye(2), (*count, 2, 2)), np.ones(count)
+
+    return Predictor(SIZE, run, HEIGHTS), runs
+
+
+@pytest.mark.parametrize(
+    ("right", "looks"),
+    [([0.0], 2), ([1.0, 0.0], 2), ([8.0, 0.0], 3), ([8.0, 4.0, 0.0, 0.0], 4), ([8.0, 0.0, 8.0, 0.0, 8.0], 4)],
+)
+def test_looks_follow_keypoints_that_lie_elsewhere(view, right, looks):
+    """Than they were cut for; but not for ever."""
+    net, runs = seeing(right)
+    found = predict_views(net, [view])[0].keypoints
+    assert runs == [1] + [len(CROP_ENSEMBLE)] * (looks - 1)
+    np.testing.assert_allclose(found, beside_by(right[min(looks, len(right)) - 1]), atol=0.7)
+
+
+def test_without_heights_there_is_one_look(view):
+    net, runs = seeing([8.0, 0.0])
+    predict_views(Predictor(net.size, net.run), [view])
+    assert runs == [len(CROP_ENSEMBLE)]
