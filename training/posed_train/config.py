@@ -38,6 +38,8 @@ class KeypointConfig:
     learning_rate: float = 1.5e-3
     distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy
     scale_weight: float = 0.0  # of their common scale's error (px): depth hangs on it
+    frozen: list[str] = field(default_factory=list)  # parts of the network, as "encoder.stages.3", whose convolutions
+    # stay those of the checkpoint that training starts from; their normalisation still learns.
     augmentation: float = 1.0  # strength for the first half; it falls to 0.4 of this by 80 % of the steps
     seed: int = 1
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
 from . import bop, metrics, optimise, pairwise
@@ -48,6 +48,17 @@ def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
     model.load_state_dict(weights)
 
 
+def freeze(model: KeypointNet, parts: list[str]) -> None:
+    """Holds the convolutions of these parts; their normalisation still learns."""
+    modules = dict(model.design.named_modules())
+    for part in parts:
+        if part not in modules:
+            raise ValueError(f"frozen {part!r}: the network has no such part; its parts are {', '.join(modules)[2:]}")
+        for module in modules[part].modules():
+            if isinstance(module, nn.Conv2d):
+                module.requires_grad_(False)
+
+
 class Trainer(optimise.Run):
     """A keypoint net's training."""
 
@@ -58,6 +69,9 @@ class Trainer(optimise.Run):
         model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
         if init is not None:
             start_from(model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
+        elif config.frozen:
+            raise ValueError("frozen: only a training that starts from a checkpoint (--init) can hold parts of it")
+        freeze(model, config.frozen)
         super().__init__(model, config.learning_rate, config.steps)
 
     def forward(self, images: Tensor) -> Tensor:

@@ -150,6 +150,25 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
         train.start_from(first.model, {k: v for k, v in first.average.state_dict().items() if "head" not in k})
 
 
+def test_frozen_parts_keep_their_convolutions(rendered, tmp_path):
+    views = data.Views(CUBE, rendered)
+    keypoints, start = views.registration.keypoints, tmp_path / "checkpoint.pt"
+    first = train.Trainer(CUBE, keypoints, None)
+    first.save(start)
+    settings = replace(CUBE, frozen=["encoder.stages.3"])
+    trainer = train.Trainer(settings, keypoints, start)
+    patches, rng = data.Data(settings, rendered, views), np.random.default_rng(0)
+    for _ in range(3):
+        trainer.component_step(patches.batch(8, augment.Augmenter([], rng, SIZE), rng))
+    before, after = dict(first.average.named_parameters()), dict(trainer.average.named_parameters())
+    kept = {name for name, value in after.items() if torch.equal(value, before[name])}
+    assert kept == {name for name, value in after.items() if ".encoder.stages.3." in name and value.ndim == 4}
+    with pytest.raises(ValueError, match="no such part"):
+        train.Trainer(replace(CUBE, frozen=["stages.3"]), keypoints, start)
+    with pytest.raises(ValueError, match="--init"):
+        train.Trainer(settings, keypoints, None)
+
+
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])
 def test_the_papers_losses_go_down(rendered, loss):
     """From camera poses alone: every scene is a component."""
