@@ -27,6 +27,7 @@ images cycles-copies --engine cycles --scenes 518 --views 1 --first 80000 --camo
 images cycles-copies --engine cycles --scenes 240 --views 1 --first 71000 --camouflage 0.6 --objects 2 4 --copies 4
 images cycles-copies --engine cycles --scenes 120 --views 1 --first 81000 --camouflage 0.6 --objects 1 3 --copies 4
 images cycles-link --engine cycles --scenes 487 --views 1 --first 72000 --camouflage 0.5 --objects 4 --copies 5
+images cycles-crowd --engine cycles --scenes 230 --views 1 --first 73000 --camouflage 0.5 --objects 1 2 3 --copies 3
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
@@ -56,4 +57,8 @@ for object in cube bracket motor link; do
 	keypoints finer/$object.toml runs/finer runs/copies/$object/checkpoint.pt
 done
 keypoints longer/link.toml runs/longer runs/finer/link/checkpoint.pt
+keypoints half-hidden/cube.toml runs/half-hidden runs/finer/cube/checkpoint.pt
+keypoints half-hidden/cube-2.toml runs/half-hidden-2 runs/half-hidden/cube/checkpoint.pt
+keypoints half-hidden/link.toml runs/half-hidden runs/longer/link/checkpoint.pt
+keypoints half-hidden/link-2.toml runs/half-hidden-2 runs/half-hidden/link/checkpoint.pt
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

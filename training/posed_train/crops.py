@@ -4,8 +4,8 @@ A crop is the square of side `CROP_SCALE * max(w, h)` about the box centre. Its 
 `crop_from_image`: pixel centres are at integer coordinates, so the square's left edge lies at `x - 0.5`.
 
 The net looks twice: into a crop around the box, then into one around the keypoints it found there. The first box errs
-as detectors do, and shrinks where the object is half hidden; the second does neither. If the keypoints then lie elsewhere
-than it was cut for, they are followed. The second crop is also turned so that the object stands upright in it (an axis
+as detectors do, and shrinks where the object is half hidden; the second does neither. Keypoints that then lie elsewhere
+than the crop was cut for are followed. The second crop is also turned so that the object stands upright in it (an axis
 of it points up): of the three degrees of freedom of its rotation the net need learn but two.
 """
 
