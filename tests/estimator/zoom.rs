@@ -67,19 +67,18 @@ type Places = Arc<Mutex<Vec<Vec<Place>>>>;
 
 /// A net that sees the object's corners wherever the crop was cut, and notes where that was: for each run its crops.
 fn seeing(places: &Places) -> Script {
-    seeing_beside(places, |_| 0.0)
+    erring(places, |_, corner| corner)
 }
 
-/// One that sees them so many pixels to the right in each run.
+/// One that errs in runs by their number, counted from 0.
 #[allow(clippy::cast_possible_truncation, reason = "to a network's floats")]
-fn seeing_beside(places: &Places, right: impl Fn(usize) -> f64 + Send + Sync + 'static) -> Script {
+fn erring(places: &Places, err: impl Fn(usize, Vector2<f64>) -> Vector2<f64> + Send + Sync + 'static) -> Script {
     let places = Arc::clone(places);
     let keypoints = Arc::new(move |input: Input<'_>| {
         let Input::Bytes { shape, values } = input else { panic!("bytes were expected") };
         let crops: Vec<Place> = values.chunks_exact(values.len() / shape[0]).map(place).collect();
         let mut places = places.lock().unwrap();
-        let beside = Vector2::new(right(places.len()), 0.0);
-        let in_crop = |crop: &Place| corner_pixels().map(|pixel| crop.in_crop(&(pixel + beside)));
+        let in_crop = |crop: &Place| corner_pixels().map(|corner| crop.in_crop(&err(places.len(), corner)));
         let pixels = crops.iter().flat_map(in_crop).flat_map(|uv| [uv.x as f32, uv.y as f32]).collect();
         places.push(crops);
         Ok(sure_of(shape[0], pixels))
@@ -127,22 +126,38 @@ fn the_second_crops_lie_about_the_keypoints() {
     assert!(pose.angle_to(&truth()) < 0.05, "{pose:?}");
 }
 
+const RIGHT: Vector2<f64> = Vector2::new(12.0, 0.0);
+
 /// What a look sees elsewhere than it was cut for is looked at there, until it stays.
 #[test]
 fn looks_follow_the_keypoints() {
     let places = Places::default();
-    let answer = estimate(true, seeing_beside(&places, |run| if run == 0 { 12.0 } else { 0.0 }));
+    let answer = estimate(true, erring(&places, |run, corner| if run == 0 { corner + RIGHT } else { corner }));
     let places = places.lock().unwrap();
     assert_eq!(places.iter().map(Vec::len).collect::<Vec<_>>(), [1, 3, 3]);
     let (second, third) = (places[1][1].centre(), places[2][1].centre());
-    assert!((second - third - Vector2::new(12.0, 0.0)).amax() < 1.0, "{second}, {third}");
+    assert!((second - third - RIGHT).amax() < 1.0, "{second}, {third}");
     assert!(answer.poses[0].pose.as_ref().unwrap().camera_from_object.angle_to(&truth()) < 0.05);
+}
+
+#[test]
+fn looks_follow_the_size_of_the_keypoints() {
+    let places = Places::default();
+    let larger = |corner| {
+        let centre = corner_pixels().iter().sum::<Vector2<f64>>() / 8.0;
+        centre + 1.1 * (corner - centre)
+    };
+    estimate(true, erring(&places, move |run, corner| if run == 0 { larger(corner) } else { corner }));
+    let places = places.lock().unwrap();
+    assert_eq!(places.iter().map(Vec::len).collect::<Vec<_>>(), [1, 3, 3]);
+    let shrunk = places[2][1].side() / places[1][1].side();
+    assert!((shrunk * 1.1 - 1.0).abs() < 0.01, "{shrunk}");
 }
 
 #[test]
 fn keypoints_that_never_stay_are_followed_three_times() {
     let places = Places::default();
-    estimate(true, seeing_beside(&places, |run| if run % 2 == 0 { 12.0 } else { 0.0 }));
+    estimate(true, erring(&places, |run, corner| if run % 2 == 0 { corner + RIGHT } else { corner }));
     assert_eq!(places.lock().unwrap().iter().map(Vec::len).collect::<Vec<_>>(), [1, 3, 3, 3]);
 }
 

@@ -53,7 +53,8 @@ def freeze(model: KeypointNet, parts: list[str]) -> None:
     modules = dict(model.design.named_modules())
     for part in parts:
         if part not in modules:
-            raise ValueError(f"frozen {part!r}: the network has no such part; its parts are {', '.join(modules)[2:]}")
+            known = ", ".join(name for name in modules if name and name.count(".") <= 2)
+            raise ValueError(f"frozen {part!r}: the network has no such part; it has {known}, and parts of these")
         for module in modules[part].modules():
             if isinstance(module, nn.Conv2d):
                 module.requires_grad_(False)

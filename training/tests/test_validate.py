@@ -27,18 +27,22 @@ def beside_by(pixels: float) -> np.ndarray:
     return KEYPOINTS + np.array([pixels, 0])
 
 
-def seeing(right: list[float]) -> tuple[Predictor, list[int]]:
-    """A net that sees the keypoints so many pixels to the right in each run, and the number of crops of each run."""
+def larger_by(factor: float) -> np.ndarray:
+    return KEYPOINTS.mean(0) + factor * (KEYPOINTS - KEYPOINTS.mean(0))
+
+
+def seeing(keypoints: list[np.ndarray]) -> tuple[Predictor, list[int]]:
+    """A net that sees these keypoints in its runs, the last of them from then on; and the number of crops of each run."""
     runs: list[int] = []
 
     def run(crops: np.ndarray):
-        beside = beside_by(right[min(len(runs), len(right) - 1)])
+        seen = keypoints[min(len(runs), len(keypoints) - 1)]
         runs.append(len(crops))
         middle, arms = (SIZE - 1) / 2, np.stack(np.meshgrid(*[np.arange(SIZE) - (SIZE - 1) / 2] * 2), -1)
         found = []
         for crop in crops[..., :2].astype(float):
             slopes = np.einsum("yxa,yxc->ca", arms, crop) / (arms[..., 0] ** 2).sum()
-            found.append((beside - crop.mean((0, 1))) @ np.linalg.inv(slopes).T + middle)
+            found.append((seen - crop.mean((0, 1))) @ np.linalg.inv(slopes).T + middle)
         count = len(crops), len(KEYPOINTS)
         return np.stack(found), np.broadcast_to(np.eye(2), (*count, 2, 2)), np.ones(count)
 
@@ -46,18 +50,26 @@ def seeing(right: list[float]) -> tuple[Predictor, list[int]]:
 
 
 @pytest.mark.parametrize(
-    ("right", "looks"),
-    [([0.0], 2), ([1.0, 0.0], 2), ([8.0, 0.0], 3), ([8.0, 4.0, 0.0, 0.0], 4), ([8.0, 0.0, 8.0, 0.0, 8.0], 4)],
+    ("seen", "looks"),
+    [
+        ([beside_by(0)], 2),
+        ([beside_by(1), beside_by(0)], 2),
+        ([beside_by(8), beside_by(0)], 3),
+        ([beside_by(8), beside_by(4), beside_by(0)], 4),
+        ([beside_by(8), beside_by(0)] * 3, 4),
+        ([larger_by(1.01), larger_by(1)], 2),
+        ([larger_by(1.1), larger_by(1)], 3),
+    ],
 )
-def test_looks_follow_keypoints_that_lie_elsewhere(view, right, looks):
+def test_looks_follow_keypoints_that_lie_elsewhere(view, seen, looks):
     """Than they were cut for; but not for ever."""
-    net, runs = seeing(right)
+    net, runs = seeing(seen)
     found = predict_views(net, [view])[0].keypoints
     assert runs == [1] + [len(CROP_ENSEMBLE)] * (looks - 1)
-    np.testing.assert_allclose(found, beside_by(right[min(looks, len(right)) - 1]), atol=0.7)
+    np.testing.assert_allclose(found, seen[min(looks, len(seen)) - 1], atol=0.7)
 
 
 def test_without_heights_there_is_one_look(view):
-    net, runs = seeing([8.0, 0.0])
+    net, runs = seeing([beside_by(8), beside_by(0)])
     predict_views(Predictor(net.size, net.run), [view])
     assert runs == [len(CROP_ENSEMBLE)]
