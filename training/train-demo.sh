@@ -61,4 +61,5 @@ keypoints half-hidden/cube.toml runs/half-hidden runs/finer/cube/checkpoint.pt
 keypoints half-hidden/cube-2.toml runs/half-hidden-2 runs/half-hidden/cube/checkpoint.pt
 keypoints half-hidden/link.toml runs/half-hidden runs/longer/link/checkpoint.pt
 keypoints half-hidden/link-2.toml runs/half-hidden-2 runs/half-hidden/link/checkpoint.pt
+keypoints half-hidden/link-3.toml runs/half-hidden-3 runs/half-hidden-2/link/checkpoint.pt
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

@@ -17,7 +17,7 @@ TURN_NOISE = 0.1
 """Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
 CAMOUFLAGE_SHARE = 0.5
 """Of the pasted backgrounds: in the object's own colours."""
-HALF_HIDDEN_SHARE = 0.3
+HALF_HIDDEN_SHARE = 0.5
 """Of the crops, by a plate or by the photo's border, as long as training lasts: other variations fade since images to
 come have less of them."""
 # Standard deviations of a crop's rotation.

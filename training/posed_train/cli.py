@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import ablate, check, config, data, detector, export, pack, quantize, train
+from . import ablate, check, config, cut_off, data, detector, export, pack, quantize, train
 from .bop import DatasetError
 from .render import command as rendering
 
@@ -34,6 +34,12 @@ def main() -> None:
     packing.add_argument("out", type=Path, help="new folder, to be given as --data")
     packing.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
     packing.set_defaults(run=run_pack)
+
+    cutting = commands.add_parser("cut-off", help="make half-hidden views for `posed evaluate` of a split's whole ones")
+    cutting.add_argument("split", type=Path, help="folder of scenes, with masks")
+    cutting.add_argument("out", type=Path, help="new folder")
+    cutting.add_argument("--objects", type=int, nargs="+", required=True, help="by their obj_id")
+    cutting.set_defaults(run=run_cut_off)
 
     keypoints = commands.add_parser("keypoints", help="train one object's keypoint net and export it")
     detect = commands.add_parser("detector", help="train the detector of all objects and export it")
@@ -89,6 +95,10 @@ def run_pack(arguments: argparse.Namespace) -> None:
     settings = config.load(arguments.settings, config.KeypointConfig)
     written = pack.pack(settings, arguments.data, arguments.out)
     print(f"{arguments.out}: {written / 1e6:.1f} MB")
+
+
+def run_cut_off(arguments: argparse.Namespace) -> None:
+    print(f"{arguments.out}: {cut_off.cut_off(arguments.split, arguments.out, arguments.objects)} views")
 
 
 def run_ablate(arguments: argparse.Namespace) -> None:

@@ -32,7 +32,7 @@ def larger_by(factor: float) -> np.ndarray:
 
 
 def seeing(keypoints: list[np.ndarray]) -> tuple[Predictor, list[int]]:
-    """A net that sees these keypoints in its runs, the last of them from then on; and the number of crops of each run."""
+    """A net that sees these keypoints in its runs, the last of them for ever; and the number of crops of each run."""
     runs: list[int] = []
 
     def run(crops: np.ndarray):
