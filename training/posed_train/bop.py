@@ -114,14 +114,15 @@ def read_mask(view: View) -> np.ndarray | None:
 
 
 def write_rgb(path: Path, image: np.ndarray) -> None:
-    write_image(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    write_image(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:
-    write_image(path, mask, [])
+    write_image(path, mask)
 
 
-def write_image(path: Path, image: np.ndarray, options: list[int]) -> None:
+def write_image(path: Path, image: np.ndarray) -> None:
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix == ".jpg" else []
     if not cv2.imwrite(str(path), image, options):
         raise OSError(f"{path}: cannot write the image; is the disk full?")
 

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
-from .bop import DatasetError, View, pose_entry, read_mask, read_rgb, read_views, write_annotations, write_image
+from .bop import DatasetError, View, pose_entry, read_mask, read_rgb, read_views, write_annotations, write_rgb
 
 CUTS_PER_VIEW = 2
 KEPT = 0.35, 0.65
@@ -49,17 +50,14 @@ def cuts(views: list[View]) -> Iterator[tuple[View, np.ndarray]]:
 
 def cut(view: View, image: np.ndarray, mask: np.ndarray, side: int, kept: float) -> tuple[View, np.ndarray]:
     """`side` counts right, left, bottom, top: the one that moves."""
-    across, at_start = side < 2, side % 2 == 1
-    pixels = np.nonzero(mask)[1 if across else 0]
-    edge = int(np.quantile(pixels, 1 - kept if at_start else kept))
-    left_over = slice(edge, None) if at_start else slice(edge + 1)
-    window = (slice(None), left_over) if across else (left_over, slice(None))
+    axis, at_start = 1 - side // 2, side % 2 == 1
+    edge = int(np.quantile(np.nonzero(mask)[axis], 1 - kept if at_start else kept))
+    start, end = (edge, mask.shape[axis]) if at_start else (0, edge + 1)
+    window = (slice(None),) * axis + (slice(start, end),)
     camera_matrix = view.camera_matrix.copy()
-    camera_matrix[0 if across else 1, 2] -= edge if at_start else 0
-    seen = mask[window]
-    rows, columns = np.nonzero(seen)
-    box = (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
-    visible = view.visible_fraction * seen.sum() / mask.sum()
+    camera_matrix[1 - axis, 2] -= start
+    box = cv2.boundingRect(mask[window].astype(np.uint8))
+    visible = view.visible_fraction * mask[window].sum() / mask.sum()
     return replace(view, camera_matrix=camera_matrix, box=box, visible_fraction=visible), image[window]
 
 
@@ -68,10 +66,10 @@ def write_scene(scene: Path, obj_id: int, views: Iterator[tuple[View, np.ndarray
     cameras, poses, infos = {}, {}, {}
     for number, (view, image) in enumerate(views):
         # Without loss: JPEG's noise would be added twice.
-        write_image(scene / f"rgb/{number:06d}.png", np.ascontiguousarray(image[..., ::-1]), [])
+        write_rgb(scene / f"rgb/{number:06d}.png", image)
         key = str(number)
         cameras[key] = {"cam_K": view.camera_matrix.flatten().tolist()}
         poses[key] = [{"obj_id": obj_id} | pose_entry(view.camera_from_object, "m2c")]
-        infos[key] = [{"bbox_visib": [int(value) for value in view.box], "visib_fract": float(view.visible_fraction)}]
+        infos[key] = [{"bbox_visib": view.box, "visib_fract": view.visible_fraction}]
     write_annotations(scene, cameras, poses, infos)
     return len(cameras)
