@@ -13,6 +13,7 @@ RUN scripts/fetch-onnxruntime.sh
 COPY Cargo.toml Cargo.lock build.rs ./
 COPY proto proto
 COPY benches benches
+COPY core core
 COPY src src
 RUN cargo build --release --locked --bin posed
 

@@ -24,12 +24,12 @@ $(DENY):
 	cargo install --quiet --locked --root .tools --no-default-features --version 0.20.2 cargo-deny
 
 test: onnxruntime ## Runs the unit, property and end-to-end tests.
-	cargo test --release --locked
+	cargo test --release --locked --workspace
 
 lint: $(DENY) ## Formatting, lints, licences and sources of dependencies, as CI runs them.
-	cargo fmt --check
-	cargo clippy --locked --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 	$(DENY) --locked check --hide-inclusion-graph bans licenses sources
 
 advisories: $(DENY) ## Known vulnerabilities of dependencies (fetches the RustSec database).
@@ -39,10 +39,11 @@ openapi: onnxruntime ## Writes docs/openapi.json anew.
 	POSED_UPDATE=1 cargo test --release --locked --test server the_description_is_checked_in
 
 fmt: ## Formats the code.
-	cargo fmt
+	cargo fmt --all
 
 bench: onnxruntime ## Times the solver and the stages around the networks.
-	cargo bench --locked --bench pnp --bench stages
+	cargo bench --locked --package posed-core --bench pnp
+	cargo bench --locked --bench stages
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve

@@ -8,13 +8,13 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use fast_image_resize::Resizer;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{
-    Answer, CallerFrames, Detection, Estimate, ModelsReport, ObjectPose, Report, ReportContext, SolvedKeypoint,
-    SolvedPose, Timings,
+    Answer, CallerFrames, Detection, Estimate, ObjectPose, SolvedKeypoint, SolvedPose, Timings, Verdict,
 };
-use posed::geometry::{Camera, Covariance6, Pose};
-use posed::model::Provider;
-use posed::pnp::{Options, Verdict, solve};
+use posed::model::{ModelsInUse, Provider};
+use posed::server::api::json::{Report, ReportContext};
 use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, Square, crop_squares, decode, letterbox};
+use posed_core::geometry::{Camera, Covariance6, Pose};
+use posed_core::pnp::{Options, solve};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
@@ -47,7 +47,7 @@ fn stages(criterion: &mut Criterion) {
     });
     criterion.bench_function("write the answer", |b| {
         let (answer, frames) = (answer(region, &camera), CallerFrames::default());
-        let models = ModelsReport {
+        let models = ModelsInUse {
             provider: Provider::Cpu,
             detector: "0".repeat(64),
             keypoints: std::collections::BTreeMap::new(),

@@ -2,9 +2,7 @@
 //!
 //! The map of the house, bottom up; each part uses only those above it:
 //!
-//! - [`geometry`]: rigid transforms, cameras, image affines. Conventions of frames and units are stated there.
-//! - [`pnp`]: pose from keypoints, with covariance, alternatives and a status.
-//! - [`calibration`]: the offset between an object's virtual keypoints and its user's frame.
+//! - [`posed_core`], a crate of its own: geometry, cameras, PnP, calibration. Frames and units are stated there.
 //! - [`vision`]: decoding, resampling, drawing.
 //! - [`model`]: model folders, references and the runtime of the networks.
 //! - [`estimator`]: image in, poses out; the queue in front of it.
@@ -14,13 +12,12 @@
 //! - [`commands`]: the sub-commands of the program.
 #![forbid(unsafe_code)]
 
-pub mod calibration;
 pub mod commands;
 pub mod estimator;
 pub mod evaluation;
-pub mod geometry;
 pub mod model;
-pub mod pnp;
 pub mod proto;
 pub mod server;
 pub mod vision;
+
+pub use posed_core::{calibration, geometry, pnp};

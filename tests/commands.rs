@@ -6,7 +6,7 @@ mod support;
 use std::fs;
 use std::net::TcpListener;
 
-use posed::geometry::Pose;
+use posed_core::geometry::Pose;
 use serde_json::Value;
 use support::{FREE_PORTS, assert_right, assert_within, copy_of, explanation, root, run, samples};
 
@@ -350,7 +350,7 @@ fn calibrate_takes_known_poses_and_clicks() {
     ]);
     // A second camera, 15 degrees to the side; the clicks are exact.
     let second_from_first = Pose::from_quaternion_xyzw([0.0, 0.1305, 0.0, 0.9914], [-0.18, 0.01, 0.02]).unwrap();
-    let lens = posed::geometry::Camera::pinhole(k[0], k[4], k[2], k[5]).unwrap();
+    let lens = posed_core::geometry::Camera::pinhole(k[0], k[4], k[2], k[5]).unwrap();
     let points = [[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03], [0.03, 0.03, 0.01]];
     let clicks: Vec<Value> = points
         .iter()

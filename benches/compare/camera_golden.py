@@ -1,4 +1,4 @@
-"""Writes tests/data/opencv_cameras.json: what OpenCV makes of some points and pixels with every lens model.
+"""Writes core/tests/data/opencv_cameras.json: what OpenCV makes of some points and pixels with every lens model.
 
 usage: python benches/compare/camera_golden.py OUT.json
 """

@@ -137,7 +137,7 @@ def posed(problems):
             ],
         }
         path.write_text(json.dumps(content))
-        command = ["cargo", "bench", "--quiet", "--locked", "--bench", "pnp"]
+        command = ["cargo", "bench", "--quiet", "--locked", "--package", "posed-core", "--bench", "pnp"]
         subprocess.run(command, cwd=ROOT, env=os.environ | {"POSED_PROBLEMS": str(path)}, check=True)
         answers = json.loads(path.with_suffix(".answers").read_text())
     poses = [None if a["matrix"] is None else np.array(a["matrix"]) for a in answers]

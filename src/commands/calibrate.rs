@@ -2,17 +2,17 @@ use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::{ArgGroup, Args};
+use clap::{ArgGroup, Args, ValueEnum};
 use nalgebra::{SymmetricEigen, Vector2};
 use serde::Deserialize;
 
 use super::ModelArgs;
-use crate::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
 use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
 use crate::evaluation::{GroundTruth, read_image};
-use crate::geometry::{Camera, Pose};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
 use crate::vision::{BoundingBox, DecodeOptions, decode};
+use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
+use posed_core::geometry::{Camera, Pose};
 
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("source").required(true))]
@@ -35,9 +35,28 @@ pub(super) struct Calibrate {
     clicks: Option<PathBuf>,
     /// How several references become one offset.
     #[arg(long, value_enum, default_value_t)]
-    mode: Mode,
+    mode: ModeChoice,
     #[command(flatten)]
     models: ModelArgs,
+}
+
+/// [`Mode`] as an option.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum ModeChoice {
+    /// Algorithm 1 of the paper as printed: the plain mean of the references that agree.
+    Paper,
+    /// The same consensus, each reference weighted by what its view knows.
+    #[default]
+    Weighted,
+}
+
+impl From<ModeChoice> for Mode {
+    fn from(choice: ModeChoice) -> Self {
+        match choice {
+            ModeChoice::Paper => Self::Paper,
+            ModeChoice::Weighted => Self::Weighted,
+        }
+    }
 }
 
 /// A reference image with what is known of it.
@@ -112,7 +131,7 @@ impl Calibrate {
             views.push(measure(&mut solver, known, &bytes, file.clone()).map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
-        let reference = calibrate(&model, views, self.mode)?;
+        let reference = calibrate(&model, views, self.mode.into())?;
         print(&reference);
         References::write(&self.models.reference, &reference, &files)?;
         println!("{}", self.models.reference.join(format!("{}.json", self.object)).display());

@@ -8,9 +8,9 @@ use serde::Deserialize;
 
 use super::ModelArgs;
 use crate::estimator::{Estimator, Parity};
-use crate::geometry::{Camera, Pose};
 use crate::model::{ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, decode};
+use posed_core::geometry::{Camera, Pose};
 
 #[derive(Args, Debug)]
 pub(super) struct Check {

@@ -7,10 +7,12 @@ use clap::Args;
 use image::ImageFormat;
 
 use super::ModelArgs;
-use crate::estimator::{Answer, CallerFrames, Estimator, ModelsReport, Report, ReportContext};
-use crate::geometry::Camera;
+use crate::estimator::{Answer, CallerFrames, Estimator, ObjectPose};
+use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};
+use crate::server::api::json::{Report, ReportContext};
 use crate::vision::{DecodeOptions, Decoded, OrientationPolicy, decode, encode};
+use posed_core::geometry::Camera;
 
 #[derive(Args, Debug)]
 pub(super) struct Estimate {
@@ -37,7 +39,7 @@ impl Estimate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let camera: Camera = read_json(&self.camera)?;
         let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
-        let models = ModelsReport::new(&library, self.models.provider);
+        let models = ModelsInUse::new(&library, self.models.provider);
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
             let mut answer = estimate(&mut estimator, path, &camera, &options)
@@ -50,7 +52,7 @@ impl Estimate {
             let frames = CallerFrames::default();
             let report = Report::new(&answer, &ReportContext { models: &models, frames: &frames, captured_at: None });
             if !self.json {
-                print_table(path, &report);
+                print_table(path, &answer.estimate.poses);
             } else if self.images.len() > 1 {
                 println!("{}", serde_json::to_string(&report)?);
             } else {
@@ -91,17 +93,18 @@ fn estimate(
     })
 }
 
-fn print_table(path: &Path, report: &Report) {
+fn print_table(path: &Path, poses: &[ObjectPose]) {
     println!("{}", path.display());
     println!(
         "  {:<12} {:<15} {:>10}  {:>26}  {:>9}",
         "object", "status", "confidence", "translation x y z (m)", "rmse (px)"
     );
-    for pose in &report.poses {
-        let (translation, rmse) = pose.solved.as_ref().map_or_else(Default::default, |solved| {
-            let [x, y, z] = solved.camera_from_object.translation_m;
+    for found in poses {
+        let (translation, rmse) = found.pose.as_ref().map_or_else(Default::default, |solved| {
+            let [x, y, z] = solved.camera_from_object.translation_m();
             (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.2}", solved.reprojection_rmse_px))
         });
-        println!("  {:<12} {:<15} {:>10.2}  {translation:>26}  {rmse:>9}", pose.object, pose.status, pose.confidence);
+        let (object, status, confidence) = (&found.object, found.verdict.status, found.confidence());
+        println!("  {object:<12} {status:<15} {confidence:>10.2}  {translation:>26}  {rmse:>9}");
     }
 }

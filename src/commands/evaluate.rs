@@ -7,12 +7,12 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 
 use super::ModelArgs;
-use crate::calibration::Offset;
 use crate::estimator::{Estimator, KeypointSolver, ObjectPose};
-use crate::evaluation::{GroundTruth, ObjectModel as Mesh, PoseError, Score, image_ids, read_image, scenes};
-use crate::geometry::{Camera, Pose};
+use crate::evaluation::{Deviation, GroundTruth, ObjectMesh, Score, image_ids, read_image, scenes};
 use crate::model::{ObjectModel, References};
 use crate::vision::{BoundingBox, DecodeOptions, decode};
+use posed_core::calibration::Offset;
+use posed_core::geometry::{Camera, Pose};
 
 /// Intersection over union with the true box from which on a detection is of this object.
 const SAME_PLACE_OVERLAP: f64 = 0.5;
@@ -54,7 +54,7 @@ impl Evaluate {
         let mut estimator = if self.detector { Some(self.models.estimator(&runtime)?.0) } else { None };
         for name in &self.objects {
             let model = ObjectModel::load(&self.models.models, name)?;
-            let mesh = Mesh::read(&self.meshes, model.manifest.obj_id)?;
+            let mesh = ObjectMesh::read(&self.meshes, model.manifest.obj_id)?;
             let errors = if let Some(estimator) = &mut estimator {
                 self.errors(&model, &mesh, |image, camera, truth| detected(estimator, image, camera, name, truth))?
             } else {
@@ -83,9 +83,9 @@ impl Evaluate {
     fn errors(
         &self,
         model: &ObjectModel,
-        mesh: &Mesh,
+        mesh: &ObjectMesh,
         mut estimate: impl FnMut(&RgbImage, &Camera, &GroundTruth) -> Result<Option<Pose>, Box<dyn Error>>,
-    ) -> Result<Vec<Option<PoseError>>, Box<dyn Error>> {
+    ) -> Result<Vec<Option<Deviation>>, Box<dyn Error>> {
         let obj_id = model.manifest.obj_id;
         let visible = self.min_visible..=self.max_visible;
         let mut errors = Vec::new();
@@ -96,7 +96,7 @@ impl Evaluate {
                 let (path, camera, objects) = read_image(scene, image_id)?;
                 for truth in objects.iter().filter(|o| o.obj_id == obj_id && visible.contains(&o.visible_fraction)) {
                     let image = decode(&fs::read(&path)?, &DecodeOptions::default())?.image;
-                    let error = |pose: Pose| PoseError::new(mesh, &camera, &pose, &truth.camera_from_object);
+                    let error = |pose: Pose| Deviation::new(mesh, &camera, &pose, &truth.camera_from_object);
                     errors.push(estimate(&image, &camera, truth)?.map(error));
                 }
             }

@@ -3,9 +3,11 @@ use std::time::Duration;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::geometry::{Camera, CameraError, Covariance6, Pose};
 use crate::model::RuntimeError;
-use crate::pnp::{PnpError, Status, Verdict};
+use posed_core::geometry::{Camera, CameraError, Covariance6, Pose, rotated_covariance};
+use posed_core::pnp::{PnpError, Status};
+
+use super::verdict::Verdict;
 use crate::vision::{BoundingBox, ResampleError};
 
 /// An image that cannot be estimated from.
@@ -139,6 +141,13 @@ impl SolvedPose {
     pub fn inlier_count(&self) -> usize {
         self.keypoints.iter().filter(|keypoint| keypoint.inlier).count()
     }
+
+    /// The pose and its covariance in another frame, given the camera's pose there.
+    #[must_use]
+    pub fn in_frame(&self, frame_from_camera: &Pose) -> (Pose, Covariance6) {
+        let covariance = rotated_covariance(frame_from_camera.rotation(), &self.covariance);
+        (*frame_from_camera * self.camera_from_object, covariance)
+    }
 }
 
 /// One keypoint of a solved pose.
@@ -172,4 +181,11 @@ pub struct Estimate {
     /// The size that the camera was calibrated for, where it was scaled.
     pub camera_scaled_from: Option<(u32, u32)>,
     pub timings: Timings,
+}
+
+/// Frames of the caller that the camera's pose is known in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CallerFrames {
+    pub world_from_camera: Option<Pose>,
+    pub base_from_camera: Option<Pose>,
 }

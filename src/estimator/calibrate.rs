@@ -1,14 +1,17 @@
 use thiserror::Error;
 
 use super::answer::MeasureError;
-use crate::calibration::{AverageError, Consensus, Mode, Offset, average};
-use crate::geometry::{Camera, Pose};
+use super::verdict::{Reason, Verdict};
 use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
-use crate::pnp::{Solution, Status};
 use crate::vision::BoundingBox;
+use posed_core::calibration::{AverageError, Consensus, Mode, Offset, average};
+use posed_core::geometry::{Camera, Pose, sigmas};
+use posed_core::pnp::{Solution, Status};
 
 /// A reference with fewer agreeing keypoints would spoil every later answer.
 const MIN_INLIERS: usize = 5;
+/// Nor one whose rotation is looser than this: two modes that have merged look so.
+const MAX_SIGMA_ROTATION_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 /// What one reference image gives.
 pub struct MeasuredView {
@@ -41,7 +44,10 @@ pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> R
             let source = MeasureError::FewInliers { agreeing, keypoints };
             return Err(CalibrateError::Measure { file: view.file.clone(), source });
         }
-        let verdict = view.solution.verdict;
+        let mut verdict = Verdict::of(&view.solution);
+        if sigmas(&view.solution.covariance).1 > MAX_SIGMA_ROTATION_RAD {
+            verdict.object(Reason::UncertainPose, Status::LowConfidence);
+        }
         if verdict.status != Status::Ok {
             let reasons = verdict.reasons.iter().map(|reason| reason.to_string()).collect::<Vec<_>>().join(", ");
             return Err(CalibrateError::Measure {

@@ -4,11 +4,12 @@ use nalgebra::Vector3;
 
 use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
 use super::keypoints::solve;
-use crate::calibration::Offset;
-use crate::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
+use super::verdict::{Reason, Verdict};
 use crate::model::{KeypointManifest, ObjectModel};
-use crate::pnp::{self, Reason, Solution, Status, Verdict};
 use crate::vision::BoundingBox;
+use posed_core::calibration::Offset;
+use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
+use posed_core::pnp::{self, Solution, Status};
 
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
@@ -40,14 +41,13 @@ pub(super) fn object_pose(
         pose,
         diameter_m: manifest.diameter_m,
     };
-    let options = pnp::Options { max_sigma_rotation_rad: MAX_SIGMA_ROTATION_RAD, ..pnp::Options::default() };
-    let Ok(solution) = solve(manifest, prediction, camera, &options) else {
+    let Ok(solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
     };
     let pose = solved_pose(model, offset, &solution, prediction);
-    let mut verdict = solution.verdict;
+    let mut verdict = Verdict::of(&solution);
     if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
         verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }

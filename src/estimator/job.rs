@@ -7,9 +7,9 @@ use thiserror::Error;
 use tokio::sync::{OwnedSemaphorePermit, oneshot};
 
 use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
-use crate::geometry::Camera;
-use crate::pnp::Solution;
 use crate::vision::{BoundingBox, DecodeError, Exif};
+use posed_core::geometry::Camera;
+use posed_core::pnp::Solution;
 
 /// One image to estimate poses from.
 #[derive(Clone, Debug)]

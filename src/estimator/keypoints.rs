@@ -7,13 +7,13 @@ use image::RgbImage;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::answer::{EstimateError, KeypointPrediction};
-use crate::geometry::{Affine, Camera};
 use crate::model::{
     Backend, CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs,
     RuntimeError, SecondLook,
 };
-use crate::pnp::{self, PnpError, Solution};
 use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_squares, find_peak, to_planes};
+use posed_core::geometry::{Affine, Camera};
+use posed_core::pnp::{self, PnpError, Solution};
 
 /// Crops that go through a network at once: more bring no speed, but memory.
 const MAX_BATCH: usize = 16;

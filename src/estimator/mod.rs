@@ -10,12 +10,12 @@ mod parity;
 mod picture;
 mod pipeline;
 mod queue;
-mod report;
+mod verdict;
 mod workers;
 
 pub use answer::{
-    Abandoned, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection,
-    SolvedKeypoint, SolvedPose, Timings,
+    Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
+    Selection, SolvedKeypoint, SolvedPose, Timings,
 };
 pub use calibrate::{CalibrateError, MeasuredView, calibrate};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
@@ -23,8 +23,5 @@ pub use keypoints::KeypointSolver;
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig, QueueStats};
-pub use report::{
-    AlternativeReport, CallerFrames, DetectionReport, ExifReport, ImageReport, KeypointReport, ModelsReport,
-    PlacedReport, PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
-};
+pub use verdict::{Reason, Reasons, Verdict};
 pub use workers::StartError;

@@ -1,8 +1,8 @@
 use image::RgbImage;
 
 use super::answer::{Estimate, ObjectPose};
-use crate::pnp::Status;
 use crate::vision::{Mark, PoseMark, draw_marks};
+use posed_core::pnp::Status;
 
 impl Estimate {
     /// Draws what was found into the image it was found in: boxes in the colour of the status, axes, labels.

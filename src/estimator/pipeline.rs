@@ -8,11 +8,11 @@ use super::answer::{Abandoned, Detection, Estimate, EstimateError, MeasureError,
 use super::detect::detect;
 use super::gates::object_pose;
 use super::keypoints::{self, Crops};
-use crate::calibration::Offset;
-use crate::geometry::Camera;
 use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeError};
-use crate::pnp::Solution;
 use crate::vision::BoundingBox;
+use posed_core::calibration::Offset;
+use posed_core::geometry::Camera;
+use posed_core::pnp::Solution;
 
 /// One image to estimate poses from.
 pub struct Frame<'a> {

@@ -8,9 +8,9 @@ use super::answer::Abandoned;
 use super::job::{Answer, Job, Place, QueueError, ReferenceWork, Solved, Task, Work};
 use super::workers;
 use super::{Estimator, StartError};
-use crate::geometry::Camera;
 use crate::model::RuntimeError;
 use crate::vision::DecodeOptions;
+use posed_core::geometry::Camera;
 
 /// How much may wait, and how it is worked on.
 #[derive(Clone, Copy, Debug)]

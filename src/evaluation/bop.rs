@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use thiserror::Error;
 
-use crate::geometry::{Camera, CameraError, METRES_PER_MILLIMETRE, Pose, PoseError};
 use crate::model::{ManifestError, read_json};
 use crate::vision::BoundingBox;
+use posed_core::geometry::{Camera, CameraError, METRES_PER_MILLIMETRE, Pose, PoseError};
 
 /// A scene folder that cannot be read.
 #[derive(Debug, Error)]

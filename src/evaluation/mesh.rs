@@ -9,8 +9,8 @@ use ply_rs_bw::ply::{DefaultElement, Property};
 use serde::Deserialize;
 use thiserror::Error;
 
-use crate::geometry::{BopSymmetries, METRES_PER_MILLIMETRE, Symmetries, SymmetryError};
 use crate::model::{ManifestError, read_json};
+use posed_core::geometry::{BopSymmetries, METRES_PER_MILLIMETRE, Symmetries, SymmetryError};
 
 /// A BOP models folder that cannot be read.
 #[derive(Debug, Error)]
@@ -29,7 +29,7 @@ pub enum MeshError {
 
 /// What scoring needs of an object: its vertices (metres, frame `object`), size and symmetry.
 #[derive(Clone, Debug)]
-pub struct ObjectModel {
+pub struct ObjectMesh {
     pub vertices: Vec<Vector3<f64>>,
     pub diameter_m: f64,
     /// Under which motions the object looks the same: where there are any, ADD-S applies.
@@ -43,7 +43,7 @@ struct Info {
     symmetries: BopSymmetries,
 }
 
-impl ObjectModel {
+impl ObjectMesh {
     /// Reads `models_info.json` and `obj_NNNNNN.ply` of a BOP models folder.
     ///
     /// # Errors

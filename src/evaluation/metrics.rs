@@ -3,14 +3,14 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::mesh::ObjectModel;
-use crate::geometry::{Camera, Pose};
+use super::mesh::ObjectMesh;
+use posed_core::geometry::{Camera, Pose};
 
 const ADD_SHARE_OF_DIAMETER: f64 = 0.1;
 
 /// How far one estimate is from the truth.
 #[derive(Clone, Copy, Debug)]
-pub struct PoseError {
+pub struct Deviation {
     /// ADD, or ADD-S for a symmetric object, metres.
     pub add_m: f64,
     /// Mean distance of the vertices' projections (of the closest ones for a symmetric object), pixels; infinite where a
@@ -21,9 +21,9 @@ pub struct PoseError {
     pub translation_m: f64,
 }
 
-impl PoseError {
+impl Deviation {
     #[must_use]
-    pub fn new(model: &ObjectModel, camera: &Camera, estimate: &Pose, truth: &Pose) -> Self {
+    pub fn new(model: &ObjectMesh, camera: &Camera, estimate: &Pose, truth: &Pose) -> Self {
         let nearest = model.symmetries.nearest(estimate, truth);
         Self {
             add_m: add(model, estimate, truth),
@@ -36,12 +36,12 @@ impl PoseError {
 
 /// Mean distance of the vertices under both poses; to the closest vertex for a symmetric object. Metres.
 #[must_use]
-pub fn add(model: &ObjectModel, estimate: &Pose, truth: &Pose) -> f64 {
+pub fn add(model: &ObjectMesh, estimate: &Pose, truth: &Pose) -> f64 {
     let moved = |pose: &Pose| -> Vec<Vector3<f64>> { model.vertices.iter().map(|v| pose.transform(v)).collect() };
     mean_distance(&moved(estimate), &moved(truth), !model.symmetries.is_trivial(), |a, b| (a - b).norm_squared())
 }
 
-fn projection(model: &ObjectModel, camera: &Camera, estimate: &Pose, truth: &Pose) -> Option<f64> {
+fn projection(model: &ObjectMesh, camera: &Camera, estimate: &Pose, truth: &Pose) -> Option<f64> {
     let pixels = |pose: &Pose| -> Option<Vec<Vector2<f64>>> {
         model.vertices.iter().map(|v| camera.project(&pose.transform(v)).ok()).collect()
     };
@@ -80,11 +80,11 @@ pub struct Score {
 impl Score {
     /// `None` stands for a view without an answer: it counts as wrong.
     #[must_use]
-    pub fn of(errors: &[Option<PoseError>], model: &ObjectModel) -> Self {
-        let share = |right: &dyn Fn(&PoseError) -> bool| {
+    pub fn of(errors: &[Option<Deviation>], model: &ObjectMesh) -> Self {
+        let share = |right: &dyn Fn(&Deviation) -> bool| {
             errors.iter().flatten().filter(|e| right(e)).count() as f64 / errors.len().max(1) as f64
         };
-        let median = |value: &dyn Fn(&PoseError) -> f64| {
+        let median = |value: &dyn Fn(&Deviation) -> f64| {
             let mut values: Vec<f64> = errors.iter().map(|e| e.as_ref().map_or(f64::INFINITY, value)).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied().unwrap_or(f64::INFINITY)
@@ -103,19 +103,19 @@ impl Score {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Symmetries;
     use nalgebra::Rotation3;
+    use posed_core::geometry::Symmetries;
 
-    fn bar(symmetric: bool) -> ObjectModel {
+    fn bar(symmetric: bool) -> ObjectMesh {
         let vertices = [-1.0, -0.5, 0.5, 1.0].map(|x| Vector3::new(0.05 * x, 0.0, 0.0)).to_vec();
         let half_turn = Pose::new(Rotation3::new(Vector3::z() * std::f64::consts::PI), Vector3::zeros());
         let symmetries =
             if symmetric { Symmetries::new(&[half_turn], Vec::new()).unwrap() } else { Symmetries::default() };
-        ObjectModel { vertices, diameter_m: 0.1, symmetries }
+        ObjectMesh { vertices, diameter_m: 0.1, symmetries }
     }
 
-    fn error(model: &ObjectModel, estimate: &Pose, truth: &Pose) -> PoseError {
-        PoseError::new(model, &Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap(), estimate, truth)
+    fn error(model: &ObjectMesh, estimate: &Pose, truth: &Pose) -> Deviation {
+        Deviation::new(model, &Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap(), estimate, truth)
     }
 
     #[test]

@@ -5,5 +5,5 @@ mod mesh;
 mod metrics;
 
 pub use bop::{BopError, GroundTruth, image_ids, read_image, scenes};
-pub use mesh::{MeshError, ObjectModel};
-pub use metrics::{PoseError, Score, add};
+pub use mesh::{MeshError, ObjectMesh};
+pub use metrics::{Deviation, Score, add};

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
@@ -5,7 +6,8 @@ use thiserror::Error;
 use super::manifest::{DetectorManifest, KeypointManifest, ManifestError, read_model};
 use super::network::{Backend, Network, RuntimeError};
 use super::reference::ReferenceError;
-use crate::geometry::{Symmetries, SymmetryError};
+use super::runtime::Provider;
+use posed_core::geometry::{Symmetries, SymmetryError};
 
 /// Models that cannot be loaded.
 #[derive(Debug, Error)]
@@ -45,6 +47,28 @@ pub struct Library {
     pub detector: DetectorModel,
     /// One entry for each of the detector's classes; `None` where the class is no object or has no model folder.
     pub objects: Vec<Option<ObjectModel>>,
+}
+
+/// Which networks answer, and what they run on.
+#[derive(Clone, Debug)]
+pub struct ModelsInUse {
+    pub provider: Provider,
+    /// SHA-256 of the detector's file.
+    pub detector: String,
+    /// SHA-256 of each object's keypoint net.
+    pub keypoints: BTreeMap<String, String>,
+}
+
+impl ModelsInUse {
+    #[must_use]
+    pub fn new(library: &Library, provider: Provider) -> Self {
+        let of_object = |object: &KeypointManifest| (object.name.clone(), object.model_sha256.clone());
+        Self {
+            provider,
+            detector: library.detector.manifest.model_sha256.clone(),
+            keypoints: library.known().map(|object| of_object(&object.manifest)).collect(),
+        }
+    }
 }
 
 impl Library {

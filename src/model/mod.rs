@@ -7,7 +7,7 @@ mod reference;
 mod references;
 mod runtime;
 
-pub use library::{DetectorModel, Library, LoadError, ObjectModel};
+pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
 pub(crate) use manifest::read_json;
 pub use manifest::{
     CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use utoipa::ToSchema;
 
 use super::manifest::{ManifestError, read_json};
-use crate::calibration::{Mode, Offset};
-use crate::geometry::{Camera, Covariance6, Pose, PoseError};
+use posed_core::calibration::{Mode, Offset};
+use posed_core::geometry::{Camera, Covariance6, Pose, PoseError};
 
 /// A reference that cannot be used or written.
 #[derive(Debug, Error)]
@@ -53,8 +52,7 @@ pub struct ReferenceView {
 }
 
 /// A pose as JSON: the unit quaternion x, y, z, w and metres.
-#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
-#[schema(as = Pose)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseFile {
     pub rotation_xyzw: [f64; 4],

@@ -3,8 +3,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::geometry::Camera;
 use crate::model::{ManifestError, read_json};
+use posed_core::geometry::Camera;
 
 /// A folder of cameras that cannot be used.
 #[derive(Debug, Error)]

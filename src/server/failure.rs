@@ -3,8 +3,8 @@ use tonic::Code;
 
 use super::Cameras;
 use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
-use crate::geometry::CameraError;
 use crate::vision::DecodeError;
+use posed_core::geometry::CameraError;
 
 /// Why a request gets no estimate, in words that both protocols carry.
 #[derive(Debug)]

@@ -11,7 +11,8 @@ use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::estimator::{Answer, ModelsReport, Queue};
+use crate::estimator::{Answer, Queue};
+use crate::model::ModelsInUse;
 
 #[derive(Clone, Debug, EncodeLabelSet, Hash, PartialEq, Eq)]
 struct RequestLabels {
@@ -62,7 +63,7 @@ pub(super) struct Metrics {
 }
 
 impl Metrics {
-    pub(super) fn new(queue: Queue, models: &ModelsReport) -> Self {
+    pub(super) fn new(queue: Queue, models: &ModelsInUse) -> Self {
         let seconds: fn() -> Histogram = || Histogram::new(SECONDS);
         let mut metrics = Self {
             registry: Registry::with_prefix("pose"),
@@ -132,7 +133,7 @@ impl Metrics {
     }
 }
 
-fn model_info(models: &ModelsReport) -> Family<ModelLabels, prometheus_client::metrics::gauge::Gauge> {
+fn model_info(models: &ModelsInUse) -> Family<ModelLabels, prometheus_client::metrics::gauge::Gauge> {
     let info = Family::default();
     let all = models.keypoints.iter().map(|(name, sha256)| (name.clone(), sha256.clone()));
     for (model, sha256) in all.chain([("detector".to_owned(), models.detector.clone())]) {

@@ -1,6 +1,7 @@
 //! HTTP and gRPC, both thin: they translate a request, ask the queue, and translate the answer.
 
 mod admin;
+pub mod api;
 mod cameras;
 mod failure;
 mod grpc;
@@ -21,8 +22,8 @@ pub use telemetry::{LogControl, init_logs};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::estimator::{Answer, ModelsReport, Queue, Work};
-use crate::model::{Library, References};
+use crate::estimator::{Answer, Queue, Work};
+use crate::model::{Library, ModelsInUse, References};
 use failure::Failure;
 use metrics::Metrics;
 use request::Options;
@@ -35,7 +36,7 @@ struct Shared {
     library: Arc<Library>,
     references: Arc<References>,
     cameras: Cameras,
-    models: ModelsReport,
+    models: ModelsInUse,
     config: Config,
     metrics: Metrics,
     /// One recalibration at a time: two of one object would mix their images.

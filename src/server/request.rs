@@ -4,10 +4,11 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::Shared;
+use super::api::json::{CameraForm, PoseForm};
 use super::failure::{Failure, FailureKind};
 use crate::estimator::{CallerFrames, Selection};
-use crate::geometry::{Camera, CameraFile, Pose};
-use crate::model::{ObjectModel, PoseFile};
+use crate::model::ObjectModel;
+use posed_core::geometry::{Camera, Pose, PoseError};
 
 const MAX_MARK_CHARS: usize = 64;
 
@@ -27,9 +28,9 @@ pub(super) struct EstimateRequest {
     #[schema(minimum = 0, maximum = 1)]
     pub min_confidence: Option<f64>,
     /// The camera's pose in the world: then poses come in the world's frame, too.
-    pub world_from_camera: Option<PoseFile>,
+    pub world_from_camera: Option<PoseForm>,
     /// The camera's pose in the robot's base: then poses come in the base's frame, too.
-    pub base_from_camera: Option<PoseFile>,
+    pub base_from_camera: Option<PoseForm>,
     /// Your own mark of the image, such as its capture time: given back as it is, at most 64 characters.
     pub captured_at: Option<String>,
 }
@@ -42,7 +43,7 @@ pub(super) enum CameraChoice {
     #[schema(title = "id")]
     Id(String),
     #[schema(title = "camera")]
-    Camera(CameraFile),
+    Camera(CameraForm),
 }
 
 /// A request, checked.
@@ -57,7 +58,7 @@ pub(super) struct Options {
 impl EstimateRequest {
     pub(super) fn check(self, app: &Shared) -> Result<Options, Failure> {
         let camera = self.camera.ok_or_else(no_camera)?;
-        let frame = |field, file: Option<PoseFile>| file.map(|file| pose(field, &file)).transpose();
+        let frame = |field, file: Option<PoseForm>| file.map(|file| pose(field, file)).transpose();
         let options = Options {
             camera: choose_camera(&camera, app)?,
             selection: Selection {
@@ -128,6 +129,6 @@ pub(super) fn known_object<'a>(name: &str, app: &'a Shared) -> Result<&'a Object
     })
 }
 
-pub(super) fn pose(field: &str, file: &PoseFile) -> Result<Pose, Failure> {
-    Pose::try_from(file).map_err(|error| invalid(&format!("field '{field}' is no pose: {error}")))
+pub(super) fn pose(field: &str, form: impl TryInto<Pose, Error = PoseError>) -> Result<Pose, Failure> {
+    form.try_into().map_err(|error| invalid(&format!("field '{field}' is no pose: {error}")))
 }

@@ -14,8 +14,8 @@ use super::grpc::PoseServiceServer;
 use super::metrics::Metrics;
 use super::telemetry::LogControl;
 use super::{App, CameraError, Cameras, Config, Shared, grpc, http};
-use crate::estimator::{Estimator, ModelsReport, Queue, StartError};
-use crate::model::{Backend, Library, LoadError, References, Runtime};
+use crate::estimator::{Estimator, Queue, StartError};
+use crate::model::{Backend, Library, LoadError, ModelsInUse, References, Runtime};
 use crate::proto;
 
 #[derive(Debug, Error)]
@@ -113,7 +113,7 @@ fn load(config: Config) -> Result<App, ServeError> {
     }
     tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
     let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
-    let models = ModelsReport::new(&library, runtime.provider());
+    let models = ModelsInUse::new(&library, runtime.provider());
     let (of_workers, references_of_workers) = (Arc::clone(&library), Arc::clone(&references));
     let make = move || Estimator::new(Arc::clone(&of_workers), Arc::clone(&references_of_workers), &runtime);
     let queue = Queue::start(config.queue(), make)?;

@@ -7,7 +7,7 @@ use image::RgbImage;
 use nalgebra::Vector2;
 
 use super::resample::{BoundingBox, ResampleError, Resampled, resize};
-use crate::geometry::Affine;
+use posed_core::geometry::Affine;
 
 /// A square of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]

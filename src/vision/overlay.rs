@@ -7,7 +7,7 @@ use image::{ImageError, ImageFormat, Rgb, RgbImage};
 use nalgebra::{Vector2, Vector3};
 
 use super::resample::BoundingBox;
-use crate::geometry::{Camera, Pose};
+use posed_core::geometry::{Camera, Pose};
 
 /// One pose to draw.
 #[derive(Clone, Debug)]

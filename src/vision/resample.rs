@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use thiserror::Error;
 
 use super::crop::Square;
-use crate::geometry::Affine;
+use posed_core::geometry::Affine;
 
 /// A box in image pixels; `x`, `y` is the top left pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use posed::estimator::{Estimate, EstimateError};
 use posed::model::{Input, Output};
-use posed::pnp::Status;
+use posed_core::pnp::Status;
 use serde_json::json;
 
 use crate::script::{

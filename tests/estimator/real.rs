@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use posed::estimator::{Estimate, Estimator, Frame};
-use posed::geometry::{Camera, Pose};
 use posed::model::{Library, Provider, References, Runtime};
 use posed::vision::{DecodeOptions, decode};
+use posed_core::geometry::{Camera, Pose};
 
 /// An answer does not depend on the images that it is worked on with: the arithmetic's order may differ in the last
 /// digits of a float, and nothing else.

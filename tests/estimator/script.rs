@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use image::RgbImage;
 use nalgebra::{Vector2, Vector3};
 use posed::estimator::Estimator;
-use posed::geometry::{Camera, Pose};
 use posed::model::{Backend, Input, Library, Network, Output, Outputs, Provider, References, RuntimeError};
+use posed_core::geometry::{Camera, Pose};
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 

@@ -6,7 +6,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::Estimate;
 use posed::model::Input;
-use posed::pnp::Status;
+use posed_core::pnp::Status;
 use serde_json::json;
 
 use crate::script::{

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use posed::evaluation::{ObjectModel, add};
-use posed::geometry::Pose;
+use posed::evaluation::{ObjectMesh, add};
+use posed_core::geometry::Pose;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -141,7 +141,7 @@ pub fn samples() -> Vec<Sample> {
 impl KnownObject {
     /// ADD of an answer over the object's diameter.
     pub fn error(&self, rotation_xyzw: [f64; 4], translation_m: [f64; 3]) -> f64 {
-        let model = ObjectModel::read(&root().join("training/demo/models"), self.obj_id).unwrap();
+        let model = ObjectMesh::read(&root().join("training/demo/models"), self.obj_id).unwrap();
         let truth = Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap();
         let answer = Pose::from_quaternion_xyzw(rotation_xyzw, translation_m).unwrap();
         add(&model, &answer, &truth) / model.diameter_m

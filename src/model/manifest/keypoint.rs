@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::input::{self, ElementType, Layout, Normalisation};
 use super::{Invalid, ManifestError, check_name, read_manifest};
-use crate::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
-use crate::pnp::{MAX_POINTS, MIN_POINTS};
+use posed_core::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
+use posed_core::pnp::{MAX_POINTS, MIN_POINTS};
 
 /// `models/<object>/object.json`.
 #[derive(Clone, Debug, Deserialize, Serialize)]

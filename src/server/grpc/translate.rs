@@ -1,13 +1,13 @@
 //! Protobuf messages to requests, and answers to protobuf messages.
 
-use crate::estimator::{Answer, CallerFrames, ModelsReport, ObjectPose, Selection, SolvedKeypoint, SolvedPose};
-use crate::geometry::{Camera, Covariance6, Pose};
-use crate::model::{ObjectModel, PoseFile};
-use crate::pnp::{Reason, Status};
+use crate::estimator::{Answer, CallerFrames, ObjectPose, Reason, Selection, SolvedKeypoint, SolvedPose};
+use crate::model::{ModelsInUse, ObjectModel};
 use crate::proto;
 use crate::server::Shared;
 use crate::server::failure::Failure;
 use crate::server::request::{Options, invalid, no_camera, pose, registered_camera};
+use posed_core::geometry::{Camera, Covariance6, Pose, PoseError};
+use posed_core::pnp::Status;
 use proto::camera::Model;
 use proto::estimate_request::Camera as CameraChoice;
 
@@ -17,9 +17,8 @@ pub(super) fn options(request: proto::EstimateRequest, app: &Shared) -> Result<O
         CameraChoice::CameraId(id) => registered_camera(&id, app)?,
         CameraChoice::InlineCamera(camera) => inline_camera(&camera)?,
     };
-    let frame = |field, transform: Option<proto::Transform>| {
-        transform.map(|transform| pose(field, &PoseFile::from(&transform))).transpose()
-    };
+    let frame =
+        |field, transform: Option<proto::Transform>| transform.map(|transform| pose(field, transform)).transpose();
     let options = Options {
         camera,
         selection: Selection {
@@ -67,7 +66,7 @@ pub(super) fn known_object(object: &ObjectModel, app: &Shared) -> proto::KnownOb
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
-pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsReport) -> proto::EstimateResponse {
+pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsInUse) -> proto::EstimateResponse {
     let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
     let timings = &answer.estimate.timings;
     let (scaled_from_width, scaled_from_height) = answer.estimate.camera_scaled_from.unwrap_or_default();
@@ -163,12 +162,12 @@ impl From<&Pose> for proto::Transform {
     }
 }
 
-impl From<&proto::Transform> for PoseFile {
-    fn from(t: &proto::Transform) -> Self {
-        Self {
-            rotation_xyzw: [t.rotation_x, t.rotation_y, t.rotation_z, t.rotation_w],
-            translation_m: [t.translation_x_m, t.translation_y_m, t.translation_z_m],
-        }
+impl TryFrom<proto::Transform> for Pose {
+    type Error = PoseError;
+
+    fn try_from(t: proto::Transform) -> Result<Self, PoseError> {
+        let rotation_xyzw = [t.rotation_x, t.rotation_y, t.rotation_z, t.rotation_w];
+        Self::from_quaternion_xyzw(rotation_xyzw, [t.translation_x_m, t.translation_y_m, t.translation_z_m])
     }
 }
 

@@ -12,8 +12,8 @@ use utoipa::ToSchema;
 use super::body::{self, Form};
 use super::poses::report;
 use super::{ErrorBody, ErrorDetail};
-use crate::estimator::Report;
 use crate::server::App;
+use crate::server::api::json::Report;
 use crate::server::failure::{Failure, FailureKind};
 use crate::server::request::{EstimateRequest, invalid};
 

@@ -8,12 +8,13 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ErrorBody;
-use crate::geometry::{Camera, CameraFile};
 use crate::model::{Method, ObjectModel, Reference};
+use crate::server::api::json::CameraForm;
 use crate::server::failure::Failure;
 use crate::server::request::known_object;
 use crate::server::{App, Shared};
 use crate::vision::OrientationPolicy;
+use posed_core::geometry::Camera;
 
 /// A known object.
 #[derive(Serialize, ToSchema)]
@@ -76,7 +77,7 @@ pub(super) async fn object(State(app): State<App>, Path(name): Path<String>) -> 
 }
 
 /// Every registered camera, by id.
-#[utoipa::path(get, path = "/v1/cameras", tag = "info", responses((status = 200, body = BTreeMap<String, CameraFile>)))]
+#[utoipa::path(get, path = "/v1/cameras", tag = "info", responses((status = 200, body = BTreeMap<String, CameraForm>)))]
 pub(super) async fn cameras(State(app): State<App>) -> Json<BTreeMap<String, Camera>> {
     Json(app.cameras.iter().map(|(id, camera)| (id.to_owned(), camera.clone())).collect())
 }

@@ -11,12 +11,13 @@ use utoipa::IntoParams;
 
 use super::ErrorBody;
 use super::body::{self, Form, Kind};
-use crate::estimator::{Answer, CallerFrames, Report, ReportContext, Selection};
-use crate::geometry::Camera;
+use crate::estimator::{Answer, CallerFrames, Selection};
+use crate::server::api::json::{Report, ReportContext};
 use crate::server::failure::{Failure, FailureKind};
 use crate::server::request::{EstimateRequest, Options, invalid, registered_camera};
 use crate::server::{App, Shared};
 use crate::vision::encode;
+use posed_core::geometry::Camera;
 
 /// Options of a request whose body is an image.
 #[derive(Debug, Default, Deserialize, PartialEq, IntoParams)]

@@ -10,13 +10,14 @@ use utoipa::ToSchema;
 use super::ErrorBody;
 use super::body::{self, Form};
 use super::info::ReferenceReport;
-use crate::calibration::Mode;
 use crate::estimator::{MeasuredView, ReferenceWork, calibrate};
-use crate::model::{ObjectModel, PoseFile, Reference};
+use crate::model::{ObjectModel, Reference};
+use crate::server::api::json::PoseForm;
 use crate::server::failure::{Failure, FailureKind};
 use crate::server::request::{CameraChoice, choose_camera, invalid, known_object, pose};
 use crate::server::{App, Shared};
 use crate::vision::BoundingBox;
+use posed_core::calibration::Mode;
 
 /// The part `request` of a recalibration. Unknown fields are refused.
 #[derive(Deserialize, ToSchema)]
@@ -38,7 +39,7 @@ struct ReferenceImage {
     #[schema(value_type = CameraChoice)]
     camera: serde_json::Value,
     /// The object's pose in this image.
-    camera_from_object: PoseFile,
+    camera_from_object: PoseForm,
     /// The object's box: x, y, width, height in pixels. By default the only one that the detector sees.
     box_px: Option<[f64; 4]>,
 }
@@ -85,7 +86,7 @@ pub(super) async fn replace(
     for (index, (image, known)) in images.into_iter().zip(&request.references).enumerate() {
         let file = file_name(&name, index, &image);
         let camera = choose_camera(&known.camera, &app)?;
-        let camera_from_object = pose("camera_from_object", &known.camera_from_object)?;
+        let camera_from_object = pose("camera_from_object", known.camera_from_object)?;
         let region = known.box_px.map(BoundingBox::from);
         let work =
             ReferenceWork { image: image.clone(), camera: camera.clone(), object: name.clone(), region, deadline };

@@ -1,0 +1,78 @@
+//! What requests are made of.
+
+use posed_core::geometry::{Pose, PoseError};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A pose: a unit quaternion x, y, z, w, and metres.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
+#[schema(as = Pose)]
+#[serde(deny_unknown_fields)]
+pub(in crate::server) struct PoseForm {
+    rotation_xyzw: [f64; 4],
+    translation_m: [f64; 3],
+}
+
+impl TryFrom<PoseForm> for Pose {
+    type Error = PoseError;
+
+    fn try_from(form: PoseForm) -> Result<Self, PoseError> {
+        Self::from_quaternion_xyzw(form.rotation_xyzw, form.translation_m)
+    }
+}
+
+/// A camera. Parameters are in pixels of an image of `width` x `height`, pixel centres at integers.
+#[derive(ToSchema)]
+#[schema(as = Camera)]
+#[expect(dead_code, reason = "describes the JSON form of `posed_core`'s camera; a test compares them")]
+pub(in crate::server) struct CameraForm {
+    model: CameraModelForm,
+    /// Of the image that the parameters belong to. Without it no image can be found to be of another size.
+    width: Option<u32>,
+    height: Option<u32>,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    /// `opencv`: 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`; `fisheye`: 4.
+    distortion: Option<Vec<f64>>,
+}
+
+/// OpenCV's lens models.
+#[derive(ToSchema)]
+#[schema(as = CameraModel, rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes JSON")]
+enum CameraModelForm {
+    /// No distortion.
+    Pinhole,
+    /// Radial, tangential and thin prism terms.
+    OpenCv,
+    /// Kannala and Brandt.
+    Fisheye,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use posed_core::geometry::Camera;
+    use utoipa::PartialSchema as _;
+
+    use super::*;
+
+    #[test]
+    fn the_described_camera_is_the_one_that_is_read() {
+        let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap().with_fisheye_distortion(&[0.1; 4]).unwrap();
+        let json = serde_json::to_value(camera.with_size(640, 480).unwrap()).unwrap();
+        let schema = serde_json::to_value(CameraForm::schema()).unwrap();
+        let keys = |value: &serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
+        assert_eq!(keys(&json), keys(&schema["properties"]));
+        let models = serde_json::to_value(CameraModelForm::schema()).unwrap();
+        for model in models["enum"].as_array().unwrap() {
+            let mut other = json.clone();
+            other["model"] = model.clone();
+            let known = serde_json::from_value::<Camera>(other);
+            assert!(known.is_ok() || !known.unwrap_err().to_string().contains("unknown variant"));
+        }
+    }
+}

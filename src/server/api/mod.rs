@@ -1,0 +1,3 @@
+//! The forms in which requests come and answers leave.
+
+pub mod json;
