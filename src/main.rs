@@ -3,10 +3,10 @@
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
+use posed::commands::Cli;
 
 fn main() -> ExitCode {
-    match posed::commands::Cli::parse().run() {
+    match Cli::read().and_then(Cli::run) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("posed: {error}");

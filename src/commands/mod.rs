@@ -12,11 +12,11 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::estimator::Estimator;
 use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
-use crate::server::{LogFormat, init_logs};
+use crate::server::{LogFormat, SettingsFile, init_logs};
 
 /// Answers an RGB image with the 6D poses of known rigid objects.
 ///
@@ -78,6 +78,21 @@ impl ModelArgs {
 }
 
 impl Cli {
+    /// Reads the command line and the environment. A file of settings that they name stands in for the defaults, for which
+    /// they are read a second time. Leaves the program where they cannot be understood, or ask for help.
+    ///
+    /// # Errors
+    /// When the file is none of settings.
+    pub fn read() -> Result<Self, Box<dyn Error>> {
+        let cli = Self::parse();
+        let Command::Serve(serve::Serve { config: Some(path), print_config: false, .. }) = &cli.command else {
+            return Ok(cli);
+        };
+        let file = SettingsFile::read(path)?;
+        let command = Self::command().mut_subcommand("serve", |serve| file.in_place_of_defaults(serve));
+        Ok(Self::from_arg_matches(&command.get_matches())?)
+    }
+
     /// Runs the chosen sub-command to its end.
     ///
     /// # Errors

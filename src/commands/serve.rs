@@ -3,27 +3,28 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::server::{self, Config, DEFAULT_SETTINGS, Settings, init_logs};
+use crate::server::{self, Config, init_logs};
 
 #[derive(Args, Debug)]
 pub(super) struct Serve {
     /// File of settings; flags and POSED_... variables win over it.
     #[arg(long, env = "POSED_CONFIG", value_name = "posed.toml")]
-    config: Option<PathBuf>,
+    pub(super) config: Option<PathBuf>,
     /// Print the default settings, with comments, and exit.
     #[arg(long)]
-    print_config: bool,
+    pub(super) print_config: bool,
     #[command(flatten)]
-    settings: Settings,
+    settings: Config,
 }
 
 impl Serve {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         if self.print_config {
-            print!("{DEFAULT_SETTINGS}");
+            print!("{}", server::default_settings());
             return Ok(());
         }
-        let config = Config::new(&self.settings, self.config.as_deref())?;
+        let config = self.settings;
+        config.check()?;
         let logs = init_logs(&config.log, config.log_format)?;
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
         let served = runtime.block_on(server::run(config, logs));

@@ -5,12 +5,12 @@ use ort::environment::Environment;
 use ort::ep;
 use ort::session::Session;
 use ort::value::{DynValue, TensorRef};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError};
 
 /// What runs the networks.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Provider {
     #[default]

@@ -11,12 +11,14 @@ mod metrics;
 mod request;
 mod run;
 mod settings;
+mod settings_file;
 mod telemetry;
 
 pub use cameras::{CameraError, Cameras};
 pub use http::openapi;
 pub use run::{ServeError, run};
-pub use settings::{Config, DEFAULT_SETTINGS, LogFormat, Settings, SettingsError};
+pub use settings::{Config, LogFormat, SettingsError};
+pub use settings_file::{SettingsFile, SettingsFileError, default_settings};
 pub use telemetry::{LogControl, init_logs};
 
 use std::sync::Arc;

@@ -1,206 +1,184 @@
-//! Settings from the defaults, a file, the environment and flags; checked before anything is loaded or bound.
+//! The settings of `posed serve`. Each stands once, below: its flag, its environment variable, its line in the file, its
+//! default, its range and its explanation all follow from there.
 
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
-use serde::{Deserialize, Serialize};
+use clap::{ArgAction, Args, ValueEnum};
 use thiserror::Error;
 
 use crate::estimator::QueueConfig;
 use crate::model::{Provider, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
-/// The commented defaults.
-pub const DEFAULT_SETTINGS: &str = include_str!("posed.toml");
+const LISTEN: &str = "Where to listen";
+const MODELS: &str = "What to serve";
+const RUN: &str = "What to run on";
+const LIMITS: &str = "Limits";
+const TIMES: &str = "Times";
+const LOGS: &str = "Logs";
 
-/// Settings as they are written: all optional. `posed serve --print-config` explains them.
-#[derive(Args, Clone, Debug, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Settings {
-    /// Address of the HTTP server [default: 0.0.0.0:8080].
-    #[arg(long, env = "POSED_HTTP")]
-    http: Option<SocketAddr>,
-    /// Address of the gRPC server [default: 0.0.0.0:9000].
-    #[arg(long, env = "POSED_GRPC")]
-    grpc: Option<SocketAddr>,
-    /// Address of probes, metrics and the log level [default: 0.0.0.0:8081].
-    #[arg(long, env = "POSED_ADMIN")]
-    admin: Option<SocketAddr>,
-    /// Folder with `detector/` and one folder for each object [default: models].
-    #[arg(long, env = "POSED_MODELS")]
-    models: Option<PathBuf>,
-    /// Folder with `<object>.json` for each calibrated object [default: reference].
-    #[arg(long, env = "POSED_REFERENCE")]
-    reference: Option<PathBuf>,
+/// Memory that an image of the largest size must find, for each of its pixels.
+const BYTES_PER_PIXEL: u64 = 16;
+
+/// What the server is told. The comments are what `--help` and `--print-config` say.
+#[derive(Args, Clone, Debug)]
+pub struct Config {
+    /// Poses over HTTP.
+    #[arg(long, env = "POSED_HTTP", default_value = "0.0.0.0:8080", help_heading = LISTEN)]
+    pub http: SocketAddr,
+    /// Poses over gRPC.
+    #[arg(long, env = "POSED_GRPC", default_value = "0.0.0.0:9000", help_heading = LISTEN)]
+    pub grpc: SocketAddr,
+    /// Probes, metrics and the log level: for operators, not for clients.
+    #[arg(long, env = "POSED_ADMIN", default_value = "0.0.0.0:8081", help_heading = LISTEN)]
+    pub admin: SocketAddr,
+    /// Folder with `detector/` and one folder for each object.
+    #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
+    pub models: PathBuf,
+    /// Folder with `<object>.json` for each calibrated object.
+    #[arg(long, env = "POSED_REFERENCE", default_value = "reference", help_heading = MODELS)]
+    pub reference: PathBuf,
     /// Folder of registered cameras: `left.camera.json` is camera `left`.
-    #[arg(long, env = "POSED_CAMERAS")]
-    cameras: Option<PathBuf>,
-    /// Let clients replace references [default: false].
-    #[arg(long, env = "POSED_RECALIBRATION", num_args = 0..=1, default_missing_value = "true")]
-    recalibration: Option<bool>,
-    /// What to do with an image that asks to be turned [default: refuse].
-    #[arg(long, env = "POSED_EXIF_ORIENTATION", value_enum)]
-    exif_orientation: Option<OrientationPolicy>,
-    /// What the networks run on [default: cpu].
-    #[arg(long, env = "POSED_PROVIDER", value_enum)]
-    provider: Option<Provider>,
-    /// Threads that each own a set of networks [default: 1].
-    #[arg(long, env = "POSED_WORKERS")]
-    workers: Option<usize>,
-    /// Threads that each network runs on [default: the cores this process may use, shared among the workers].
-    #[arg(long, env = "POSED_THREADS")]
-    threads: Option<usize>,
-    /// Images whose crops go through a keypoint net together [default: 8].
-    #[arg(long, env = "POSED_MAX_BATCH")]
-    max_batch: Option<usize>,
-    /// How long such a batch waits for company, milliseconds [default: 0].
-    #[arg(long, env = "POSED_BATCH_DELAY_MS")]
-    batch_delay_ms: Option<u64>,
-    /// Images in work or waiting; one more is refused [default: 16].
-    #[arg(long, env = "POSED_QUEUE")]
-    queue: Option<usize>,
-    /// Bytes of images in work or waiting [default: 134217728].
-    #[arg(long, env = "POSED_QUEUE_BYTES")]
-    queue_bytes: Option<usize>,
-    /// Largest request body or gRPC message, bytes [default: 16777216].
-    #[arg(long, env = "POSED_MAX_BODY_BYTES")]
-    max_body_bytes: Option<usize>,
-    /// Largest width or height of an image, pixels [default: 8192].
-    #[arg(long, env = "POSED_MAX_SIDE_PX")]
-    max_side_px: Option<u32>,
-    /// Largest image, pixels [default: 24000000].
-    #[arg(long, env = "POSED_MAX_PIXELS")]
-    max_pixels: Option<u64>,
-    /// Images in one batch request [default: 16].
-    #[arg(long, env = "POSED_MAX_BATCH_IMAGES")]
-    max_batch_images: Option<usize>,
-    /// Time that a request has by default, milliseconds [default: 10000].
-    #[arg(long, env = "POSED_TIMEOUT_MS")]
-    timeout_ms: Option<u64>,
-    /// Time that a request may ask for, milliseconds [default: 60000].
-    #[arg(long, env = "POSED_MAX_TIMEOUT_MS")]
-    max_timeout_ms: Option<u64>,
-    /// Time that accepted requests have to finish after a shutdown signal, seconds [default: 10].
-    #[arg(long, env = "POSED_DRAIN_SECONDS")]
-    drain_seconds: Option<u64>,
-    /// Log level or filter [default: info,ort=warn].
-    #[arg(long, env = "POSED_LOG")]
-    log: Option<String>,
-    /// Form of the log [default: pretty].
-    #[arg(long, env = "POSED_LOG_FORMAT", value_enum)]
-    log_format: Option<LogFormat>,
+    #[arg(long, env = "POSED_CAMERAS", help_heading = MODELS)]
+    pub cameras: Option<PathBuf>,
+    /// Whether `PUT /v1/objects/{name}/reference` may replace references.
+    #[arg(long, env = "POSED_RECALIBRATION", help_heading = MODELS)]
+    #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
+    pub recalibration: bool,
+    /// What to do with an image that asks to be turned (EXIF).
+    #[arg(long, env = "POSED_EXIF_ORIENTATION", value_enum, default_value_t, help_heading = MODELS)]
+    pub exif_orientation: OrientationPolicy,
+    /// What the networks run on; all but cpu need an ONNX Runtime library built with it.
+    #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t, help_heading = RUN)]
+    pub provider: Provider,
+    /// Threads that each own a set of networks.
+    #[arg(long, env = "POSED_WORKERS", default_value_t = 1, value_parser = whole::<usize>(1..=256), help_heading = RUN)]
+    pub workers: usize,
+    /// Threads that each network runs on; without it the cores this process may use, shared among the workers.
+    #[arg(long, env = "POSED_THREADS", value_parser = whole::<usize>(1..=256), help_heading = RUN)]
+    pub threads: Option<usize>,
+    /// Images whose crops go through a keypoint net together.
+    #[arg(long, env = "POSED_MAX_BATCH", help_heading = RUN)]
+    #[arg(default_value_t = 8, value_parser = whole::<usize>(1..=256))]
+    pub max_batch: usize,
+    /// How long such a batch waits for company, milliseconds.
+    #[arg(long, env = "POSED_BATCH_DELAY_MS", help_heading = RUN)]
+    #[arg(default_value_t = 0, value_parser = whole::<u64>(0..=1000))]
+    pub batch_delay_ms: u64,
+    /// Images decoded at the same time.
+    #[arg(long, env = "POSED_DECODERS", default_value_t = 2, value_parser = whole::<usize>(1..=64), help_heading = RUN)]
+    pub decoders: usize,
+    /// Images in work or waiting; one more is refused with 429 or `RESOURCE_EXHAUSTED`.
+    #[arg(long, env = "POSED_QUEUE", help_heading = LIMITS)]
+    #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=65_536))]
+    pub queue: usize,
+    /// Bytes of encoded images in work or waiting.
+    #[arg(long, env = "POSED_QUEUE_BYTES", help_heading = LIMITS)]
+    #[arg(default_value_t = 134_217_728, value_parser = whole::<usize>(1024..=1 << 40))]
+    pub queue_bytes: usize,
+    /// Memory of decoded images in work or waiting, and of decoding, bytes.
+    #[arg(long, env = "POSED_PIXEL_BYTES", help_heading = LIMITS)]
+    #[arg(default_value_t = 402_653_184, value_parser = whole::<usize>(4096..=1 << 40))]
+    pub pixel_bytes: usize,
+    /// Largest request body or gRPC message, bytes.
+    #[arg(long, env = "POSED_MAX_BODY_BYTES", help_heading = LIMITS)]
+    #[arg(default_value_t = 16_777_216, value_parser = whole::<usize>(1024..=1 << 30))]
+    pub max_body_bytes: usize,
+    /// Largest width or height of an image, pixels.
+    #[arg(long, env = "POSED_MAX_SIDE_PX", help_heading = LIMITS)]
+    #[arg(default_value_t = DecodeOptions::default().max_side_px, value_parser = whole::<u32>(16..=u32::MAX.into()))]
+    pub max_side_px: u32,
+    /// Largest image, pixels.
+    #[arg(long, env = "POSED_MAX_PIXELS", help_heading = LIMITS)]
+    #[arg(default_value_t = DecodeOptions::default().max_pixels, value_parser = whole::<u64>(256..=1 << 36))]
+    pub max_pixels: u64,
+    /// Images in one request to `/v1/poses/batch`.
+    #[arg(long, env = "POSED_MAX_BATCH_IMAGES", help_heading = LIMITS)]
+    #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=1024))]
+    pub max_batch_images: usize,
+    /// Open connections on each of the HTTP and gRPC ports; further ones wait to be accepted.
+    #[arg(long, env = "POSED_MAX_CONNECTIONS", help_heading = LIMITS)]
+    #[arg(default_value_t = 256, value_parser = whole::<usize>(8..=65_536))]
+    pub max_connections: usize,
+    /// Time that a request has by default, milliseconds.
+    #[arg(long, env = "POSED_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(1..=3_600_000))]
+    pub timeout_ms: u64,
+    /// Time that a request may ask for, milliseconds.
+    #[arg(long, env = "POSED_MAX_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(1..=3_600_000))]
+    pub max_timeout_ms: u64,
+    /// Time in which the head of a request must arrive, milliseconds.
+    #[arg(long, env = "POSED_HEADER_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 5000, value_parser = whole::<u64>(100..=600_000))]
+    pub header_timeout_ms: u64,
+    /// A client that sends nothing of a body for so long is cut off, milliseconds.
+    #[arg(long, env = "POSED_BODY_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 3000, value_parser = whole::<u64>(100..=600_000))]
+    pub body_timeout_ms: u64,
+    /// A client that takes nothing of its answer for so long is cut off, milliseconds.
+    #[arg(long, env = "POSED_WRITE_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(100..=600_000))]
+    pub write_timeout_ms: u64,
+    /// A kept connection without a request is closed after this, and a peer that answers no ping is taken for gone,
+    /// milliseconds.
+    #[arg(long, env = "POSED_IDLE_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(100..=3_600_000))]
+    pub idle_timeout_ms: u64,
+    /// Time that accepted requests have to finish after a shutdown signal, seconds.
+    #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
+    #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
+    pub drain_seconds: u64,
+    /// A level, or a filter such as "info,posed=debug".
+    #[arg(long, env = "POSED_LOG", default_value = "info,ort=warn", help_heading = LOGS)]
+    pub log: String,
+    /// How log lines look.
+    #[arg(long, env = "POSED_LOG_FORMAT", value_enum, default_value_t, help_heading = LOGS)]
+    pub log_format: LogFormat,
 }
 
 /// How log lines look.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum LogFormat {
     #[default]
     Pretty,
     Json,
 }
 
-/// Settings with every value known and possible.
-#[derive(Clone, Debug, Deserialize)]
-pub struct Config {
-    pub http: SocketAddr,
-    pub grpc: SocketAddr,
-    pub admin: SocketAddr,
-    pub models: PathBuf,
-    pub reference: PathBuf,
-    pub cameras: Option<PathBuf>,
-    pub recalibration: bool,
-    pub exif_orientation: OrientationPolicy,
-    pub provider: Provider,
-    pub workers: usize,
-    pub threads: Option<usize>,
-    pub max_batch: usize,
-    pub batch_delay_ms: u64,
-    pub queue: usize,
-    pub queue_bytes: usize,
-    pub max_body_bytes: usize,
-    pub max_side_px: u32,
-    pub max_pixels: u64,
-    pub max_batch_images: usize,
-    pub timeout_ms: u64,
-    pub max_timeout_ms: u64,
-    pub drain_seconds: u64,
-    pub log: String,
-    pub log_format: LogFormat,
-}
-
-/// Settings that cannot be served with.
+/// Settings that are possible one by one, but not together.
 #[derive(Debug, Error)]
 pub enum SettingsError {
-    #[error("cannot read {}: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{}: {source}", path.display())]
-    File { path: PathBuf, source: Box<toml::de::Error> },
-    #[error("the settings do not fit together: {0}")]
-    Merge(String),
-    #[error("setting '{setting}' is {value}; it must lie between {least} and {most}")]
-    Range { setting: &'static str, value: u64, least: u64, most: u64 },
     #[error("setting 'queue_bytes' is {queue_bytes}: less than one body may have ('max_body_bytes', {max_body_bytes})")]
     QueueBytes { queue_bytes: usize, max_body_bytes: usize },
     #[error(
         "setting 'timeout_ms' is {timeout_ms}: more than a request may ask for ('max_timeout_ms', {max_timeout_ms})"
     )]
     Timeout { timeout_ms: u64, max_timeout_ms: u64 },
+    #[error(
+        "setting 'pixel_bytes' is {pixel_bytes}: the largest image ('max_pixels', {max_pixels}) needs at least {least}"
+    )]
+    PixelBytes { pixel_bytes: usize, max_pixels: u64, least: u64 },
 }
 
 impl Config {
-    /// Flags and environment over a file, if there is one, over the defaults.
+    /// What no setting can know alone.
     ///
     /// # Errors
-    /// When the file has an unknown or impossible setting, or a value is out of its range.
-    pub fn new(flags: &Settings, file: Option<&Path>) -> Result<Self, SettingsError> {
-        let mut table = read(DEFAULT_SETTINGS, Path::new("defaults"))?;
-        if let Some(path) = file {
-            let text =
-                std::fs::read_to_string(path).map_err(|source| SettingsError::Read { path: path.into(), source })?;
-            table.extend(read(&text, path)?);
-        }
-        table.extend(to_table(flags)?);
-        let config: Self =
-            table.try_into().map_err(|error: toml::de::Error| SettingsError::Merge(error.to_string()))?;
-        config.validate()?;
-        Ok(config)
-    }
-
-    fn validate(&self) -> Result<(), SettingsError> {
-        let within = |setting, value: usize, least, most| {
-            let value = value as u64;
-            if (least..=most).contains(&value) {
-                Ok(())
-            } else {
-                Err(SettingsError::Range { setting, value, least, most })
-            }
-        };
-        within("workers", self.workers, 1, 256)?;
-        within("threads", self.threads.unwrap_or(1), 1, 256)?;
-        within("max_batch", self.max_batch, 1, 256)?;
-        within("queue", self.queue, 1, 65_536)?;
-        within("max_body_bytes", self.max_body_bytes, 1024, 1 << 30)?;
-        within("queue_bytes", self.queue_bytes, 1024, 1 << 40)?;
-        within("max_batch_images", self.max_batch_images, 1, 1024)?;
-        let Self { timeout_ms, max_timeout_ms, queue_bytes, max_body_bytes, .. } = *self;
-        for (setting, value, least, most) in [
-            ("timeout_ms", timeout_ms, 1, 3_600_000),
-            ("max_timeout_ms", max_timeout_ms, 1, 3_600_000),
-            ("batch_delay_ms", self.batch_delay_ms, 0, 1000),
-            ("drain_seconds", self.drain_seconds, 0, 3600),
-        ] {
-            if !(least..=most).contains(&value) {
-                return Err(SettingsError::Range { setting, value, least, most });
-            }
-        }
+    /// When two settings contradict each other, with both names.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let Self { queue_bytes, max_body_bytes, timeout_ms, max_timeout_ms, pixel_bytes, max_pixels, .. } = *self;
         if queue_bytes < max_body_bytes {
             return Err(SettingsError::QueueBytes { queue_bytes, max_body_bytes });
         }
         if timeout_ms > max_timeout_ms {
             return Err(SettingsError::Timeout { timeout_ms, max_timeout_ms });
+        }
+        let least = BYTES_PER_PIXEL * max_pixels;
+        if (pixel_bytes as u64) < least {
+            return Err(SettingsError::PixelBytes { pixel_bytes, max_pixels, least });
         }
         Ok(())
     }
@@ -227,47 +205,89 @@ impl Config {
     }
 }
 
-/// Through [`Settings`], so that an unknown or misspelt setting is refused with its line.
-fn read(text: &str, path: &Path) -> Result<toml::Table, SettingsError> {
-    let settings: Settings =
-        toml::from_str(text).map_err(|source| SettingsError::File { path: path.into(), source: Box::new(source) })?;
-    to_table(&settings)
-}
-
-fn to_table(settings: &Settings) -> Result<toml::Table, SettingsError> {
-    toml::Table::try_from(settings).map_err(|error| SettingsError::Merge(error.to_string()))
+/// Reads a whole number within a range. Whatever was written instead, the answer says what is allowed.
+fn whole<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let refusal = || format!("it must be a whole number from {} to {}", range.start(), range.end());
+        number.and_then(|number| T::try_from(number).ok()).ok_or_else(refusal)
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::{Command, FromArgMatches as _};
+
     use super::*;
 
-    #[test]
-    fn flags_win_over_the_file_and_the_file_over_the_defaults() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("posed.toml");
-        std::fs::write(&path, "queue = 5\nworkers = 2\n").unwrap();
-        let flags = Settings { queue: Some(7), ..Settings::default() };
-        let config = Config::new(&flags, Some(&path)).unwrap();
-        assert_eq!((config.queue, config.workers, config.max_batch), (7, 2, 8));
+    fn command() -> Command {
+        Config::augment_args(Command::new("posed").no_binary_name(true))
+    }
+
+    fn read(flags: &[&str]) -> Config {
+        Config::from_arg_matches(&command().get_matches_from(flags)).unwrap()
     }
 
     #[test]
-    fn impossible_settings_are_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("posed.toml");
-        for (text, words) in [
-            ("quue = 5", "quue"),
-            ("queue = \"many\"", "queue"),
-            ("queue = 0", "'queue' is 0"),
-            ("queue_bytes = 2000", "max_body_bytes"),
-            ("timeout_ms = 100000", "max_timeout_ms"),
-            ("http = \"nowhere\"", "http"),
-            ("provider = \"abacus\"", "abacus"),
-        ] {
-            std::fs::write(&path, text).unwrap();
-            let message = Config::new(&Settings::default(), Some(&path)).unwrap_err().to_string();
-            assert!(message.contains(words), "{text}: {message}");
+    fn the_defaults_are_possible() {
+        command().debug_assert();
+        read(&[]).check().unwrap();
+    }
+
+    #[test]
+    fn a_setting_has_one_name_everywhere() {
+        for argument in command().get_arguments() {
+            let name = argument.get_id().as_str();
+            assert_eq!(argument.get_long().unwrap(), name.replace('_', "-"));
+            assert_eq!(argument.get_env().unwrap().to_str().unwrap(), format!("POSED_{}", name.to_uppercase()));
+            assert!(argument.get_help().is_some() && argument.get_help_heading().is_some(), "{name}");
         }
+    }
+
+    #[test]
+    fn recalibration_is_allowed_in_a_word() {
+        for (flags, allowed) in [
+            (&[][..], false),
+            (&["--recalibration"], true),
+            (&["--recalibration", "true"], true),
+            (&["--recalibration", "false"], false),
+        ] {
+            assert_eq!(read(flags).recalibration, allowed, "{flags:?}");
+        }
+    }
+
+    #[test]
+    fn impossible_values_are_refused_with_what_is_allowed() {
+        for (flag, words) in [
+            ("--queue=0", "'0' for '--queue <QUEUE>': it must be a whole number from 1 to 65536"),
+            ("--queue=many", "'many' for '--queue <QUEUE>': it must be a whole number from 1 to 65536"),
+            ("--decoders=-1", "'-1' for '--decoders <DECODERS>': it must be a whole number from 1 to 64"),
+            ("--max-side-px=15", "from 16 to 4294967295"),
+            ("--max-side-px=4294967296", "from 16 to 4294967295"),
+            ("--max-pixels=255", "from 256 to"),
+            ("--max-connections=7", "from 8 to 65536"),
+            ("--idle-timeout-ms=3600001", "from 100 to 3600000"),
+            ("--provider=abacus", "cpu, cuda, tensorrt, openvino"),
+            ("--recalibration=maybe", "true, false"),
+        ] {
+            let message = command().try_get_matches_from([flag]).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+    }
+
+    #[test]
+    fn settings_that_contradict_each_other_are_refused_by_name() {
+        for (flags, words) in [
+            (&["--queue-bytes=2000"][..], ["'queue_bytes' is 2000", "'max_body_bytes', 16777216"]),
+            (&["--timeout-ms=100000"], ["'timeout_ms' is 100000", "'max_timeout_ms', 60000"]),
+            (
+                &["--pixel-bytes=15999", "--max-pixels=1000"],
+                ["'pixel_bytes' is 15999", "('max_pixels', 1000) needs at least 16000"],
+            ),
+        ] {
+            let message = read(flags).check().unwrap_err().to_string();
+            assert!(words.iter().all(|words| message.contains(words)), "{message}");
+        }
+        read(&["--pixel-bytes=16000", "--max-pixels=1000"]).check().unwrap();
     }
 }

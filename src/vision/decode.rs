@@ -3,7 +3,7 @@ use std::io::Cursor;
 use clap::ValueEnum;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use thiserror::Error;
 
 /// What an image may demand before anything is allocated for it, and how it is read.
@@ -21,7 +21,7 @@ impl Default for DecodeOptions {
 }
 
 /// What to do with an image that asks to be turned before it is looked at.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum OrientationPolicy {
     /// Refuse it: it is unclear which pixels the camera parameters mean.
