@@ -6,7 +6,7 @@ use clap::{ArgGroup, Args, ValueEnum};
 use nalgebra::{SymmetricEigen, Vector2};
 use serde::Deserialize;
 
-use super::ModelArgs;
+use super::models::ModelArgs;
 use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
 use crate::evaluation::{GroundTruth, read_image};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};

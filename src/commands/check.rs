@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Deserialize;
 
-use super::ModelArgs;
+use super::models::ModelArgs;
 use crate::estimator::{Estimator, Parity};
 use crate::model::{ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, decode};

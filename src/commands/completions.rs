@@ -1,6 +1,6 @@
 use std::error::Error;
 
-use clap::{Args, CommandFactory as _};
+use clap::{Args, Command};
 use clap_complete::Shell;
 
 #[derive(Args, Debug)]
@@ -11,8 +11,8 @@ pub(super) struct Completions {
 
 impl Completions {
     #[expect(clippy::unnecessary_wraps, reason = "as every sub-command")]
-    pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        clap_complete::generate(self.shell, &mut super::Cli::command(), "posed", &mut std::io::stdout());
+    pub(super) fn run(self, program: &mut Command) -> Result<(), Box<dyn Error>> {
+        clap_complete::generate(self.shell, program, "posed", &mut std::io::stdout());
         Ok(())
     }
 }

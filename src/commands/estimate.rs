@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use image::ImageFormat;
 
-use super::ModelArgs;
+use super::models::ModelArgs;
 use crate::estimator::{Answer, CallerFrames, Estimator, ObjectPose};
 use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};

@@ -6,7 +6,7 @@ use clap::Args;
 use image::RgbImage;
 use indicatif::ProgressBar;
 
-use super::ModelArgs;
+use super::models::ModelArgs;
 use crate::estimator::{Estimator, KeypointSolver, ObjectPose};
 use crate::evaluation::{Deviation, GroundTruth, ObjectMesh, Score, image_ids, read_image, scenes};
 use crate::model::{ObjectModel, References};

@@ -6,16 +6,13 @@ mod completions;
 mod estimate;
 mod evaluate;
 mod healthcheck;
+mod models;
 mod serve;
 
 use std::error::Error;
-use std::path::PathBuf;
-use std::sync::Arc;
 
-use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use crate::estimator::Estimator;
-use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
 use crate::server::{LogFormat, SettingsFile, init_logs};
 
 /// Answers an RGB image with the 6D poses of known rigid objects.
@@ -45,36 +42,6 @@ enum Command {
     Healthcheck(healthcheck::Healthcheck),
     /// Print a completion script for a shell.
     Completions(completions::Completions),
-}
-
-/// Where models lie and how they run.
-#[derive(Args, Clone, Debug)]
-struct ModelArgs {
-    /// Folder with `detector/` and one folder for each object.
-    #[arg(long, env = "POSED_MODELS", default_value = "models")]
-    models: PathBuf,
-    /// Folder with `<object>.json` for each calibrated object.
-    #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
-    reference: PathBuf,
-    /// What the networks run on.
-    #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
-    provider: Provider,
-    /// Threads that a network runs on [default: the cores this process may use].
-    #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: Option<u16>,
-}
-
-impl ModelArgs {
-    fn runtime(&self) -> Result<Runtime, RuntimeError> {
-        Runtime::load(self.provider, self.threads.map_or_else(available_cores, usize::from))
-    }
-
-    /// The whole pipeline, with its models.
-    fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Library>), LoadError> {
-        let library = Arc::new(Library::load(&self.models)?);
-        let references = Arc::new(References::load(&self.reference, &library)?);
-        Ok((Estimator::new(Arc::clone(&library), references, runtime)?, library))
-    }
 }
 
 impl Cli {
@@ -109,7 +76,7 @@ impl Cli {
             Command::Check(command) => command.run(),
             Command::Evaluate(command) => command.run(),
             Command::Healthcheck(command) => command.run(),
-            Command::Completions(command) => command.run(),
+            Command::Completions(command) => command.run(&mut Self::command()),
         }
     }
 }

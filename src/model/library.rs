@@ -5,8 +5,8 @@ use thiserror::Error;
 
 use super::manifest::{DetectorManifest, KeypointManifest, ManifestError, read_model};
 use super::network::{Backend, Network, RuntimeError};
+use super::provider::Provider;
 use super::reference::ReferenceError;
-use super::runtime::Provider;
 use posed_core::geometry::{Symmetries, SymmetryError};
 
 /// Models that cannot be loaded.
@@ -30,8 +30,8 @@ pub enum LoadError {
 pub struct DetectorModel {
     pub manifest: DetectorManifest,
     /// The file's path: for messages.
-    pub(super) name: String,
-    pub(super) bytes: Vec<u8>,
+    name: String,
+    bytes: Vec<u8>,
 }
 
 /// A keypoint net as it lies on disk, checked.
@@ -107,6 +107,16 @@ impl Library {
     pub fn without_model(&self) -> impl Iterator<Item = &str> {
         let labels = self.detector.manifest.labels.iter().zip(&self.objects);
         labels.filter(|(_, object)| object.is_none()).filter_map(|(label, _)| label.as_deref())
+    }
+}
+
+impl DetectorModel {
+    /// The detector, ready to run.
+    ///
+    /// # Errors
+    /// When it cannot be run.
+    pub fn network(&self, backend: &dyn Backend) -> Result<Box<dyn Network>, RuntimeError> {
+        backend.load(&self.name, &self.bytes)
     }
 }
 

@@ -3,6 +3,8 @@
 mod library;
 mod manifest;
 mod network;
+mod networks;
+mod provider;
 mod reference;
 mod references;
 mod runtime;
@@ -13,8 +15,10 @@ pub use manifest::{
     CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,
     KeypointOutput, Layout, ManifestError, Normalisation, Placement, SecondLook,
 };
-pub use network::{Backend, Input, Network, Networks, Output, Outputs, RuntimeError};
+pub use network::{Backend, Input, Network, Output, Outputs, RuntimeError};
+pub use networks::Networks;
+pub use provider::Provider;
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::References;
-pub use runtime::{Provider, Runtime, available_cores};
+pub use runtime::{Runtime, available_cores};

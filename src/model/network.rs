@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::library::Library;
-use super::runtime::Provider;
+use super::provider::Provider;
 
 /// ONNX Runtime cannot be loaded, or a network cannot be loaded or run.
 #[derive(Clone, Debug, Error)]
@@ -90,26 +89,4 @@ pub trait Backend: Send + Sync {
 
     /// What the networks run on.
     fn provider(&self) -> Provider;
-}
-
-/// One worker's networks.
-pub struct Networks {
-    pub detector: Box<dyn Network>,
-    /// One entry for each of the library's objects.
-    pub keypoints: Vec<Option<Box<dyn Network>>>,
-}
-
-impl Networks {
-    /// Loads every network of a library.
-    ///
-    /// # Errors
-    /// When one of them cannot be run.
-    pub fn load(library: &Library, backend: &dyn Backend) -> Result<Self, RuntimeError> {
-        let keypoints = library
-            .objects
-            .iter()
-            .map(|object| object.as_ref().map(|object| object.network(backend)).transpose())
-            .collect::<Result<_, _>>()?;
-        Ok(Self { detector: backend.load(&library.detector.name, &library.detector.bytes)?, keypoints })
-    }
 }

@@ -1,35 +1,12 @@
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use ort::environment::Environment;
 use ort::ep;
 use ort::session::Session;
 use ort::value::{DynValue, TensorRef};
-use serde::Serialize;
 
 use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError};
-
-/// What runs the networks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Provider {
-    #[default]
-    Cpu,
-    Cuda,
-    Tensorrt,
-    Openvino,
-}
-
-impl std::fmt::Display for Provider {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.pad(match self {
-            Self::Cpu => "cpu",
-            Self::Cuda => "cuda",
-            Self::Tensorrt => "tensorrt",
-            Self::Openvino => "openvino",
-        })
-    }
-}
+use super::provider::Provider;
 
 /// The loaded ONNX Runtime.
 pub struct Runtime {

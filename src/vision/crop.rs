@@ -6,61 +6,12 @@ use fast_image_resize::{ResizeOptions, Resizer};
 use image::RgbImage;
 use nalgebra::Vector2;
 
-use super::resample::{BoundingBox, ResampleError, Resampled, resize};
+use super::region::Square;
+use super::resample::{ResampleError, Resampled, resize};
 use posed_core::geometry::Affine;
-
-/// A square of an image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Square {
-    /// Pixels, with the pixels' centres at integers.
-    pub centre: Vector2<f64>,
-    /// Pixels.
-    pub side: f64,
-    /// By how much the image is turned about the centre before it is cut, radians, clockwise.
-    pub turn: f64,
-}
-
-/// Largest crop, in image pixels: a box may reach beyond the image, but its padding must stay bounded.
-const MAX_CROP_PX: f64 = 32_768.0;
 
 /// Turned squares whose sides differ more are each resized by themselves: the larger one would not be antialiased.
 const SHARED_RATIOS: RangeInclusive<f64> = 0.8..=1.25;
-
-impl Square {
-    /// As large as the larger side of a box.
-    #[must_use]
-    pub fn around(region: &BoundingBox) -> Self {
-        Self { centre: region.centre(), side: region.extent(), turn: 0.0 }
-    }
-
-    /// About the same centre.
-    #[must_use]
-    pub fn scaled(self, factor: f64) -> Self {
-        Self { side: self.side * factor, ..self }
-    }
-
-    /// About the same centre, by so many radians more.
-    #[must_use]
-    pub fn turned(self, angle: f64) -> Self {
-        Self { turn: self.turn + angle, ..self }
-    }
-
-    fn is_bounded(&self) -> bool {
-        let bounded = |value: f64| value.abs() <= MAX_CROP_PX; // false for NaN
-        self.side >= 1.0 && bounded(self.side) && self.centre.iter().copied().all(bounded) && self.turn.is_finite()
-    }
-
-    /// Image pixels to those of a crop of `size` x `size`.
-    fn crop_from_image(&self, size: u32) -> Affine {
-        let middle = Vector2::repeat(f64::from(size - 1) / 2.0);
-        Affine::similarity(f64::from(size) / self.side, self.turn, self.centre, middle)
-    }
-
-    /// Left and top edge when not turned; edge = pixel centre + 0.5.
-    fn top_left(&self) -> Vector2<f64> {
-        self.centre.add_scalar(0.5 - self.side / 2.0)
-    }
-}
 
 /// Squares, each resized to `size` x `size` pixels: bilinear, antialiased when shrinking. What lies outside the image is
 /// black.
@@ -203,6 +154,7 @@ mod tests {
     #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small test images")]
 
     use super::*;
+    use crate::vision::BoundingBox;
     use crate::vision::resample::tests::{map, pixel};
     use proptest::prelude::*;
     use std::f64::consts::PI;

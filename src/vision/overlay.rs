@@ -6,7 +6,7 @@ use image::codecs::png::PngEncoder;
 use image::{ImageError, ImageFormat, Rgb, RgbImage};
 use nalgebra::{Vector2, Vector3};
 
-use super::resample::BoundingBox;
+use super::region::BoundingBox;
 use posed_core::geometry::{Camera, Pose};
 
 /// One pose to draw.

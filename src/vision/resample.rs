@@ -4,55 +4,8 @@ use image::RgbImage;
 use nalgebra::Vector2;
 use thiserror::Error;
 
-use super::crop::Square;
+use super::region::Square;
 use posed_core::geometry::Affine;
-
-/// A box in image pixels; `x`, `y` is the top left pixel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BoundingBox {
-    pub x: f64,
-    pub y: f64,
-    pub width: f64,
-    pub height: f64,
-}
-
-impl BoundingBox {
-    /// The larger side.
-    #[must_use]
-    pub fn extent(&self) -> f64 {
-        self.width.max(self.height)
-    }
-
-    /// Intersection over union with another box, 0..1.
-    #[must_use]
-    pub fn overlap(&self, other: &Self) -> f64 {
-        let shared = |a: f64, a_size: f64, b: f64, b_size: f64| ((a + a_size).min(b + b_size) - a.max(b)).max(0.0);
-        let intersection =
-            shared(self.x, self.width, other.x, other.width) * shared(self.y, self.height, other.y, other.height);
-        let union = self.width * self.height + other.width * other.height - intersection;
-        if union > 0.0 { intersection / union } else { 0.0 }
-    }
-
-    /// The centre, in pixel coordinates (centres of pixels at integers).
-    #[must_use]
-    pub fn centre(&self) -> Vector2<f64> {
-        Vector2::new(self.x + (self.width - 1.0) / 2.0, self.y + (self.height - 1.0) / 2.0)
-    }
-}
-
-/// x, y, width, height.
-impl From<[f64; 4]> for BoundingBox {
-    fn from([x, y, width, height]: [f64; 4]) -> Self {
-        Self { x, y, width, height }
-    }
-}
-
-/// x, y, width, height.
-impl From<BoundingBox> for [f64; 4] {
-    fn from(region: BoundingBox) -> Self {
-        [region.x, region.y, region.width, region.height]
-    }
-}
 
 /// Pixels made for a network, with the map from the image's pixels to theirs.
 #[derive(Clone, Debug)]
@@ -127,7 +80,7 @@ pub(super) fn resize(
 
 #[cfg(test)]
 pub(super) mod tests {
-    #![allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "small test images; exact values")]
+    #![allow(clippy::cast_possible_truncation, reason = "small test images")]
 
     use super::*;
     use image::Rgb;
@@ -140,14 +93,6 @@ pub(super) mod tests {
     pub(in crate::vision) fn pixel(resampled: &Resampled, width: u32, x: u32, y: u32) -> [u8; 3] {
         let at = 3 * (y * width + x) as usize;
         resampled.rgb[at..at + 3].try_into().unwrap()
-    }
-
-    #[test]
-    fn overlap_is_intersection_over_union() {
-        let at = |x: f64| BoundingBox { x, y: 0.0, width: 10.0, height: 4.0 };
-        assert_eq!(at(0.0).overlap(&at(0.0)), 1.0);
-        assert!((at(0.0).overlap(&at(5.0)) - 20.0 / 60.0).abs() < 1e-12);
-        assert_eq!(at(0.0).overlap(&at(30.0)), 0.0);
     }
 
     #[test]

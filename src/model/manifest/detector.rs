@@ -2,8 +2,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::file::{Invalid, ManifestError, check_name, read_manifest};
 use super::input::{self, ElementType, Layout, Normalisation};
-use super::{Invalid, ManifestError, check_name, read_manifest};
 
 /// `models/detector/detector.json`.
 #[derive(Clone, Debug, Deserialize, Serialize)]

@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use super::Invalid;
+use super::file::Invalid;
 
 /// Order of a network's pixels.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]

@@ -3,8 +3,8 @@ use std::path::Path;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::file::{Invalid, ManifestError, check_name, read_manifest};
 use super::input::{self, ElementType, Layout, Normalisation};
-use super::{Invalid, ManifestError, check_name, read_manifest};
 use posed_core::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
 use posed_core::pnp::{MAX_POINTS, MIN_POINTS};
 

@@ -1,0 +1,37 @@
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+
+use crate::estimator::Estimator;
+use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
+
+/// Where models lie and how they run.
+#[derive(Args, Clone, Debug)]
+pub(super) struct ModelArgs {
+    /// Folder with `detector/` and one folder for each object.
+    #[arg(long, env = "POSED_MODELS", default_value = "models")]
+    pub(super) models: PathBuf,
+    /// Folder with `<object>.json` for each calibrated object.
+    #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
+    pub(super) reference: PathBuf,
+    /// What the networks run on.
+    #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
+    pub(super) provider: Provider,
+    /// Threads that a network runs on [default: the cores this process may use].
+    #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+}
+
+impl ModelArgs {
+    pub(super) fn runtime(&self) -> Result<Runtime, RuntimeError> {
+        Runtime::load(self.provider, self.threads.map_or_else(available_cores, usize::from))
+    }
+
+    /// The whole pipeline, with its models.
+    pub(super) fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Library>), LoadError> {
+        let library = Arc::new(Library::load(&self.models)?);
+        let references = Arc::new(References::load(&self.reference, &library)?);
+        Ok((Estimator::new(Arc::clone(&library), references, runtime)?, library))
+    }
+}

@@ -1,0 +1,68 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
+use thiserror::Error;
+
+/// A model folder that cannot be used. Every message names the file, and the field where there is one.
+#[derive(Debug, Error)]
+pub enum ManifestError {
+    #[error("cannot read {}: {source}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{}: {source}", path.display())]
+    Json { path: PathBuf, source: serde_json::Error },
+    #[error("{}: field '{field}' {problem}", path.display())]
+    Field { path: PathBuf, field: &'static str, problem: String },
+    #[error(
+        "{} has sha256 {found} but its manifest states {stated}: the file is damaged or belongs to another manifest",
+        path.display()
+    )]
+    Hash { path: PathBuf, stated: String, found: String },
+}
+
+/// A field and what is wrong with it.
+pub(super) type Invalid = (&'static str, String);
+
+pub(super) fn read_manifest<T: DeserializeOwned>(
+    path: &Path,
+    validate: impl Fn(&T) -> Result<(), Invalid>,
+) -> Result<T, ManifestError> {
+    let manifest: T = read_json(path)?;
+    validate(&manifest).map_err(|(field, problem)| ManifestError::Field { path: path.into(), field, problem })?;
+    Ok(manifest)
+}
+
+/// Reads a model file and checks it against the hash that its manifest states.
+pub(in crate::model) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>, ManifestError> {
+    let bytes = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
+    let found = hex(&Sha256::digest(&bytes));
+    if !found.eq_ignore_ascii_case(stated) {
+        return Err(ManifestError::Hash { path: path.into(), stated: stated.into(), found });
+    }
+    Ok(bytes)
+}
+
+/// Object names become file names and URL parts.
+pub(super) fn check_name(name: &str) -> Result<(), String> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if (1..=64).contains(&name.len()) && name.chars().all(allowed) {
+        Ok(())
+    } else {
+        Err(format!("contains {name:?}; names have 1 to 64 letters, digits, '_' or '-'"))
+    }
+}
+
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
+    let text = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
+    serde_json::from_slice(&text).map_err(|source| ManifestError::Json { path: path.into(), source })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
