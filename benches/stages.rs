@@ -12,19 +12,20 @@ use posed::estimator::{
 };
 use posed::model::{ModelsInUse, Provider};
 use posed::server::api::json::{Report, ReportContext};
-use posed::vision::{BoundingBox, DecodeOptions, Exif, Letterbox, Square, crop_squares, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Exif, Image, Letterbox, Square, crop_squares, decode, letterbox};
 use posed_core::geometry::{Camera, Covariance6, Pose};
 use posed_core::pnp::{Options, solve};
 
 fn stages(criterion: &mut Criterion) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/sample-3.jpg");
     let bytes = std::fs::read(path).unwrap_or_default();
-    let Ok(decoded) = decode(&bytes, &DecodeOptions::default()) else { return };
+    let encoded = Image::Encoded(bytes.into());
+    let Ok(decoded) = decode(&encoded, &DecodeOptions::default()) else { return };
     let image = decoded.image;
     let mut resizer = Resizer::new();
     let region = BoundingBox { x: 200.0, y: 150.0, width: 110.0, height: 90.0 };
 
-    criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&bytes), &DecodeOptions::default())));
+    criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&encoded), &DecodeOptions::default())));
     let to = Letterbox { width: 320, height: 256, fill: 114, centred: false };
     criterion.bench_function("letterbox for the detector", |b| {
         b.iter(|| letterbox(&mut resizer, black_box(&image), to));

@@ -10,7 +10,7 @@ use super::models::ModelArgs;
 use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
 use crate::evaluation::{GroundTruth, read_image};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
-use crate::vision::{BoundingBox, DecodeOptions, decode};
+use crate::vision::{BoundingBox, DecodeOptions, Image, decode};
 use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
 use posed_core::geometry::{Camera, Pose};
 
@@ -168,7 +168,7 @@ fn measure(
     bytes: &[u8],
     file: String,
 ) -> Result<MeasuredView, Box<dyn Error>> {
-    let image = decode(bytes, &DecodeOptions::default())?.image;
+    let image = decode(&Image::Encoded(bytes.to_vec().into()), &DecodeOptions::default())?.image;
     let camera = known.camera.for_image(image.width(), image.height())?;
     let solution = solver.solve(&image, &known.region, &camera)??;
     let camera = camera.with_size(image.width(), image.height())?;

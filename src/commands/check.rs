@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::models::ModelArgs;
 use crate::estimator::{Estimator, Parity};
 use crate::model::{ObjectModel, PoseFile, read_json};
-use crate::vision::{DecodeOptions, decode};
+use crate::vision::{DecodeOptions, Image, decode};
 use posed_core::geometry::{Camera, Pose};
 
 #[derive(Args, Debug)]
@@ -55,7 +55,8 @@ impl Check {
         let (mut poses, mut wrong) = (0, 0);
         for (file, known) in &samples {
             let bytes = fs::read(self.samples.join(file)).map_err(|error| format!("{file}: {error}"))?;
-            let image = decode(&bytes, &DecodeOptions::default()).map_err(|error| format!("{file}: {error}"))?.image;
+            let decoded = decode(&Image::Encoded(bytes.into()), &DecodeOptions::default());
+            let image = decoded.map_err(|error| format!("{file}: {error}"))?.image;
             let found = find(&mut estimator, &image, &camera)?;
             for known in known {
                 let object = library.object(&known.object);

@@ -11,7 +11,7 @@ use crate::estimator::{Answer, CallerFrames, Estimator, ObjectPose};
 use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext};
-use crate::vision::{DecodeOptions, Decoded, OrientationPolicy, decode, encode};
+use crate::vision::{DecodeOptions, Decoded, Image, OrientationPolicy, decode, encode};
 use posed_core::geometry::Camera;
 
 #[derive(Args, Debug)]
@@ -77,9 +77,9 @@ fn estimate(
     camera: &Camera,
     options: &DecodeOptions,
 ) -> Result<Answer, Box<dyn Error>> {
-    let bytes = fs::read(path)?;
+    let encoded = Image::Encoded(fs::read(path)?.into());
     let start = Instant::now();
-    let Decoded { image, exif } = decode(&bytes, options)?;
+    let Decoded { image, exif } = decode(&encoded, options)?;
     let decode = start.elapsed();
     let estimate = estimator.estimate(&image, camera)?;
     Ok(Answer {

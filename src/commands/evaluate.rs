@@ -10,7 +10,7 @@ use super::models::ModelArgs;
 use crate::estimator::{Estimator, KeypointSolver, ObjectPose};
 use crate::evaluation::{Deviation, GroundTruth, ObjectMesh, Score, image_ids, read_image, scenes};
 use crate::model::{ObjectModel, References};
-use crate::vision::{BoundingBox, DecodeOptions, decode};
+use crate::vision::{BoundingBox, DecodeOptions, Image, decode};
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Pose};
 
@@ -95,7 +95,7 @@ impl Evaluate {
             for image_id in image_ids(scene)? {
                 let (path, camera, objects) = read_image(scene, image_id)?;
                 for truth in objects.iter().filter(|o| o.obj_id == obj_id && visible.contains(&o.visible_fraction)) {
-                    let image = decode(&fs::read(&path)?, &DecodeOptions::default())?.image;
+                    let image = decode(&Image::Encoded(fs::read(&path)?.into()), &DecodeOptions::default())?.image;
                     let error = |pose: Pose| Deviation::new(mesh, &camera, &pose, &truth.camera_from_object);
                     errors.push(estimate(&image, &camera, truth)?.map(error));
                 }

@@ -13,7 +13,7 @@ use super::job::{Answer, Job, QueueError, Task};
 use super::pipeline::{Estimator, Frame};
 use super::queue::{QueueConfig, QueueStats, count};
 use crate::model::RuntimeError;
-use crate::vision::{Decoded, decode};
+use crate::vision::{Decoded, Image, decode};
 
 /// Workers that cannot be started.
 #[derive(Debug, Error)]
@@ -79,14 +79,15 @@ fn prepare(config: QueueConfig, jobs: &Receiver<Job>, batches: &Sender<Vec<Prepa
     }
 }
 
-fn prepare_one(job: Job, config: &QueueConfig, stats: &QueueStats) -> Option<Prepared> {
+fn prepare_one(mut job: Job, config: &QueueConfig, stats: &QueueStats) -> Option<Prepared> {
     if let Err(why) = job.wanted() {
         abandon(job, why, stats);
         return None;
     }
     let (queued, start) = (job.arrived.elapsed(), Instant::now());
     // Decoders are fed by strangers.
-    let decoded = catch_unwind(AssertUnwindSafe(|| decode(&job.image, &config.decode)));
+    let image = Image::Encoded(std::mem::take(&mut job.image).into());
+    let decoded = catch_unwind(AssertUnwindSafe(|| decode(&image, &config.decode)));
     match decoded {
         Ok(Ok(decoded)) => Some(Prepared { job, decoded, queued, decode: start.elapsed() }),
         Ok(Err(error)) => {

@@ -136,6 +136,7 @@ fn of_decode(error: &DecodeError) -> FailureKind {
         | DecodeError::TooSmall { .. }
         | DecodeError::Truncated
         | DecodeError::Orientation(_)
+        | DecodeError::Raw(_)
         | DecodeError::Damaged(_) => FailureKind::InvalidImage,
     }
 }

@@ -2,9 +2,13 @@ use std::io::Cursor;
 
 use clap::ValueEnum;
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits, RgbImage};
 use serde::Serialize;
 use thiserror::Error;
+
+use super::header::{EncodedHeader, MIN_SIDE_PX, damaged, header};
+use super::raw::RawError;
+use super::source::Image;
 
 /// What an image may demand before anything is allocated for it, and how it is read.
 #[derive(Clone, Copy, Debug)]
@@ -49,9 +53,6 @@ pub struct Exif {
     pub applied: bool,
 }
 
-/// Smaller than this and no object could be seen in it.
-const MIN_SIDE_PX: u32 = 16;
-
 /// Bytes that are not an image to estimate poses from.
 #[derive(Debug, Error)]
 pub enum DecodeError {
@@ -70,56 +71,67 @@ pub enum DecodeError {
          post the pixels as the sensor read them, without an orientation, or choose 'apply' or 'ignore' as exif_orientation"
     )]
     Orientation(u8),
+    #[error(transparent)]
+    Raw(#[from] RawError),
     #[error("image is damaged: {0}")]
-    Damaged(#[source] image::ImageError),
+    Damaged(#[source] ImageError),
 }
 
-/// Decodes a JPEG, PNG or WebP to 8-bit RGB.
+/// Makes 8-bit RGB of an image, within the memory that [`header`](super::header) promises.
 ///
 /// Grey becomes RGB, alpha is dropped, 16 bits are reduced to 8. Sizes are checked on the header, before the pixels are
 /// allocated. An EXIF orientation other than "as stored" is treated as the options say.
 ///
 /// # Errors
 /// [`DecodeError`] says what is wrong with the bytes and which limit they break.
-pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
-    if bytes.is_empty() {
-        return Err(DecodeError::Empty);
+pub fn decode(image: &Image, options: &DecodeOptions) -> Result<Decoded, DecodeError> {
+    match image {
+        Image::Encoded(bytes) => decode_file(bytes, options),
+        Image::Raw(raw) => {
+            header(image, options)?;
+            Ok(Decoded { image: raw.to_rgb(), exif: Exif { orientation: 1, applied: false } })
+        }
     }
-    let Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)) = image::guess_format(bytes) else {
-        return Err(DecodeError::UnknownFormat);
-    };
-    if format == ImageFormat::Jpeg && jpeg_is_truncated(bytes) {
+}
+
+fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
+    let header = EncodedHeader::read(bytes)?;
+    header.checked(options)?;
+    if header.format == ImageFormat::Jpeg && jpeg_is_truncated(bytes) {
         return Err(DecodeError::Truncated);
     }
-    let mut decoder =
-        ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(DecodeError::Damaged)?;
-    let (width, height) = decoder.dimensions();
-    let DecodeOptions { max_side_px, max_pixels, exif_orientation } = *options;
-    if width.max(height) > max_side_px || u64::from(width) * u64::from(height) > max_pixels {
-        return Err(DecodeError::TooLarge { width, height, max_side_px, max_pixels });
-    }
-    if width.min(height) < MIN_SIDE_PX {
-        return Err(DecodeError::TooSmall { width, height });
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), header.format);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(header.metadata);
+    reader.limits(limits);
+    let mut decoder = reader.into_decoder().map_err(of_decoder)?;
+    if decoder.dimensions() != (header.width, header.height) {
+        // Two readers of one file disagree, so no promise about it holds.
+        return Err(damaged(header.format, "its header is ambiguous"));
     }
     // Orientation is advice: where it cannot be read there is none to follow.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    if orientation != Orientation::NoTransforms && exif_orientation == OrientationPolicy::Refuse {
+    if orientation != Orientation::NoTransforms && options.exif_orientation == OrientationPolicy::Refuse {
         return Err(DecodeError::Orientation(orientation.to_exif()));
     }
-    let mut image = DynamicImage::from_decoder(decoder).map_err(|error| {
-        let at_end = |io: &std::io::Error| io.kind() == std::io::ErrorKind::UnexpectedEof;
-        if matches!(&error, image::ImageError::IoError(io) if at_end(io)) {
-            DecodeError::Truncated
-        } else {
-            DecodeError::Damaged(error)
-        }
-    })?;
-    let applied = exif_orientation == OrientationPolicy::Apply && orientation != Orientation::NoTransforms;
+    let image = DynamicImage::from_decoder(decoder).map_err(of_decoder)?;
+    // RGB first: turning copies the image.
+    let mut image = DynamicImage::ImageRgb8(image.into_rgb8());
+    let applied = options.exif_orientation == OrientationPolicy::Apply && orientation != Orientation::NoTransforms;
     if applied {
         image.apply_orientation(orientation);
     }
     let exif = Exif { orientation: orientation.to_exif(), applied };
     Ok(Decoded { image: image.into_rgb8(), exif })
+}
+
+fn of_decoder(error: ImageError) -> DecodeError {
+    let at_end = |io: &std::io::Error| io.kind() == std::io::ErrorKind::UnexpectedEof;
+    if matches!(&error, ImageError::IoError(io) if at_end(io)) {
+        DecodeError::Truncated
+    } else {
+        DecodeError::Damaged(error)
+    }
 }
 
 /// Decoders fill the missing part of a JPEG with grey and report success, which would cost a detection in silence. Here
@@ -143,6 +155,10 @@ mod tests {
         let mut bytes = Cursor::new(Vec::new());
         image.write_to(&mut bytes, format).unwrap();
         bytes.into_inner()
+    }
+
+    fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
+        super::decode(&Image::Encoded(bytes.to_vec().into()), options)
     }
 
     fn gradient() -> DynamicImage {

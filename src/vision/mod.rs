@@ -1,17 +1,23 @@
-//! From encoded bytes to network inputs, and from answers to pictures. Knows neither models nor servers.
+//! From encoded bytes or raw pixels to network inputs, and from answers to pictures. Knows neither models nor servers.
 
 mod crop;
 mod decode;
+mod header;
 mod heatmap;
 mod overlay;
+mod raw;
 mod region;
 mod resample;
+mod source;
 mod tensor;
 
 pub use crop::crop_squares;
 pub use decode::{DecodeError, DecodeOptions, Decoded, Exif, OrientationPolicy, decode};
+pub use header::{Header, header};
 pub use heatmap::{Peak, find_peak};
 pub use overlay::{Mark, PoseMark, draw_marks, encode};
+pub use raw::{RawEncoding, RawError, RawImage, RawLayout};
 pub use region::{BoundingBox, Square};
 pub use resample::{Letterbox, ResampleError, Resampled, letterbox};
+pub use source::Image;
 pub use tensor::to_planes;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use posed::estimator::{Estimate, Estimator, Frame};
 use posed::model::{Library, Provider, References, Runtime};
-use posed::vision::{DecodeOptions, decode};
+use posed::vision::{DecodeOptions, Image, decode};
 use posed_core::geometry::{Camera, Pose};
 
 /// An answer does not depend on the images that it is worked on with: the arithmetic's order may differ in the last
@@ -19,7 +19,7 @@ fn an_answer_does_not_depend_on_its_batch() {
     let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap();
     let images: Vec<_> = (1..=3)
         .map(|index| std::fs::read(root.join(format!("samples/sample-{index}.jpg"))).unwrap())
-        .map(|bytes| decode(&bytes, &DecodeOptions::default()).unwrap().image)
+        .map(|bytes| decode(&Image::Encoded(bytes.into()), &DecodeOptions::default()).unwrap().image)
         .collect();
     let frames: Vec<_> = images.iter().chain(&images).map(|image| Frame::new(image, &camera)).collect();
     let together = estimator.estimate_all(&frames);

@@ -1,0 +1,12 @@
+use bytes::Bytes;
+
+use super::raw::RawImage;
+
+/// An image as it comes from outside.
+#[derive(Clone, Debug)]
+pub enum Image {
+    /// The bytes of a JPEG, PNG or WebP.
+    Encoded(Bytes),
+    /// Pixels as a camera's driver gives them.
+    Raw(RawImage),
+}
