@@ -424,3 +424,34 @@ fn calibrate_takes_known_poses_and_clicks() {
     assert!(explanation(&run(&["calibrate", "cube", "--references", &misspelt])).contains("kamera"));
     assert!(explanation(&run(&["calibrate", "cube"])).contains("--scene"));
 }
+
+/// A frame as a camera's driver gives it gets the poses of the same pixels as PNG.
+#[test]
+fn estimate_takes_raw_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let pixels = image::open(&samples()[0].file).unwrap().into_rgb8();
+    pixels.save(path("frame.png")).unwrap();
+    let (width, height) = pixels.dimensions();
+    let rows = pixels.rows().map(|row| row.flat_map(|pixel| [pixel[2], pixel[1], pixel[0]]).collect::<Vec<u8>>());
+    fs::write(path("frame.raw"), rows.flat_map(|row| [row, vec![200; 24]].concat()).collect::<Vec<u8>>()).unwrap();
+    let layout = format!("bgr8:{width}x{height}:{}", 3 * width + 24);
+    let estimate = |name: &str, extra: &[&str]| {
+        run(&[&["estimate", &path(name), "--camera", "samples/demo.camera.json", "--json"], extra].concat())
+    };
+    let poses = |name: &str, extra: &[&str]| {
+        let output = estimate(name, extra);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+        answer["poses"].clone()
+    };
+    let raw = poses("frame.raw", &["--raw", &layout]);
+    assert!(!raw.as_array().unwrap().is_empty());
+    assert_eq!(raw, poses("frame.png", &[]));
+
+    let without_padding = estimate("frame.raw", &["--raw", &format!("bgr8:{width}x{height}")]);
+    let said = explanation(&without_padding);
+    assert!(said.contains("frame.raw") && said.contains("'step'"), "{said}");
+    let said = explanation(&estimate("frame.raw", &["--raw", "bgr9:640x480"]));
+    assert!(said.contains("bgr9") && said.contains("bgr8"), "{said}");
+}

@@ -11,17 +11,23 @@ use crate::estimator::{Answer, CallerFrames, Estimator, ObjectPose};
 use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext};
-use crate::vision::{DecodeOptions, Decoded, Image, OrientationPolicy, decode, encode};
+use crate::vision::{DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode};
 use posed_core::geometry::Camera;
 
 #[derive(Args, Debug)]
+#[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Estimate {
-    /// JPEG, PNG or WebP images.
+    /// JPEG, PNG or WebP images; with --raw, files of pixels.
     #[arg(required = true)]
     images: Vec<PathBuf>,
     /// Camera that took the images (`*.camera.json`).
     #[arg(long)]
     camera: PathBuf,
+    /// The files are raw frames of this layout, as camera drivers give them: an encoding of ROS (rgb8, bgr8, rgba8, bgra8,
+    /// mono8, bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, nv12, yuv422_yuy2), the size in pixels, and the bytes from one
+    /// row to the next where rows are padded, for example bgr8:1280x720.
+    #[arg(long, value_name = "ENCODING:WIDTHxHEIGHT[:STEP]")]
+    raw: Option<RawLayout>,
     /// Print the whole answers as JSON instead of tables; one line for each of several images.
     #[arg(long)]
     json: bool,
@@ -42,7 +48,8 @@ impl Estimate {
         let models = ModelsInUse::new(&library, self.models.provider);
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
-            let mut answer = estimate(&mut estimator, path, &camera, &options)
+            let mut answer = read(path, self.raw)
+                .and_then(|image| estimate(&mut estimator, &image, &camera, &options))
                 .map_err(|error| format!("{}: {error}", path.display()))?;
             if let (Some(out), Some(mut image)) = (self.overlay_path(path), answer.image.take()) {
                 answer.estimate.draw(&mut image);
@@ -71,15 +78,22 @@ impl Estimate {
     }
 }
 
+fn read(path: &Path, raw: Option<RawLayout>) -> Result<Image, Box<dyn Error>> {
+    let bytes = fs::read(path)?.into();
+    Ok(match raw {
+        Some(layout) => Image::Raw(RawImage::new(layout, bytes)?),
+        None => Image::Encoded(bytes),
+    })
+}
+
 fn estimate(
     estimator: &mut Estimator,
-    path: &Path,
+    image: &Image,
     camera: &Camera,
     options: &DecodeOptions,
 ) -> Result<Answer, Box<dyn Error>> {
-    let encoded = Image::Encoded(fs::read(path)?.into());
     let start = Instant::now();
-    let Decoded { image, exif } = decode(&encoded, options)?;
+    let Decoded { image, exif } = decode(image, options)?;
     let decode = start.elapsed();
     let estimate = estimator.estimate(&image, camera)?;
     Ok(Answer {
