@@ -10,6 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // For reflection: clients ask the server for the protocol.
     let descriptor = PathBuf::from(std::env::var("OUT_DIR")?).join("descriptor.bin");
     std::fs::write(descriptor, files.encode_to_vec())?;
-    tonic_prost_build::configure().compile_fds(files)?;
+    // Images are not copied out of their messages.
+    tonic_prost_build::configure().bytes(".").compile_fds(files)?;
     Ok(())
 }

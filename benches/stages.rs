@@ -95,6 +95,7 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         estimate,
         exif: Exif { orientation: 1, applied: false },
         image: None,
+        room: None,
         batch_size: 1,
         queued: Duration::ZERO,
         decode: Duration::ZERO,

@@ -111,7 +111,7 @@ impl Report {
         line(&mut text, "bare loop, ms an image", format!("{bare:.2}"));
         line(&mut text, "one client, ms an image", format!("{alone:.2}"));
         line(&mut text, "difference: everything but the networks, ms", format!("**{:.2}**", alone - bare));
-        for stage in ["decode", "detect", "keypoints", "pose", "queue"] {
+        for stage in ["decode", "detect", "keypoints", "pnp", "queue"] {
             let times: Vec<f64> = self.stages.iter().map(|timings| timings[stage].as_f64().unwrap()).collect();
             line(&mut text, &format!("stage `{stage}`, ms"), format!("{:.2}", median(&times)));
         }

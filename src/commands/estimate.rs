@@ -100,6 +100,7 @@ fn estimate(
         estimate,
         exif,
         image: Some(image),
+        room: None,
         batch_size: 1,
         queued: Duration::ZERO,
         decode,

@@ -26,7 +26,6 @@ pub struct Cli {
 }
 
 #[derive(Debug, Subcommand)]
-#[expect(clippy::large_enum_variant, reason = "made once")]
 enum Command {
     /// Serve poses over HTTP and gRPC.
     Serve(serve::Serve),

@@ -167,7 +167,7 @@ pub struct SolvedKeypoint {
 pub struct Timings {
     pub detect: Duration,
     pub keypoints: Duration,
-    pub pose: Duration,
+    pub pnp: Duration,
 }
 
 /// The answer to one image.

@@ -11,7 +11,7 @@ use crate::model::{DetectorFormat, DetectorManifest, ElementType, Input, Network
 use crate::vision::{BoundingBox, Letterbox, letterbox, to_planes};
 
 /// More objects than this in one image are dropped, weakest first.
-const MAX_DETECTIONS: usize = 32;
+pub(super) const MAX_DETECTIONS: usize = 32;
 /// Boxes of different classes with a larger intersection over union are one object.
 const SAME_PLACE_OVERLAP: f64 = 0.7;
 /// More boxes than this above the threshold mean a broken network; suppression takes quadratic time.

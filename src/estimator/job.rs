@@ -1,21 +1,25 @@
-//! One request on its way through the queue, with the way back.
+//! One image on its way through the estimator, with the way back.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
-use thiserror::Error;
-use tokio::sync::{OwnedSemaphorePermit, oneshot};
-
-use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
-use crate::vision::{BoundingBox, DecodeError, Exif};
 use posed_core::geometry::Camera;
 use posed_core::pnp::Solution;
+use thiserror::Error;
+use tokio::sync::oneshot;
+
+use super::admission::{BodyLease, PixelLease, Place, Refusal};
+use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
+use super::prepare::{Pixels, PrepareError};
+use crate::vision::{BoundingBox, Exif, Image};
 
 /// One image to estimate poses from.
 #[derive(Clone, Debug)]
 pub struct Work {
-    /// Encoded image.
-    pub image: Vec<u8>,
+    pub image: Image,
+    /// The room that the image's bytes take, where it was asked for before they came.
+    pub body: Option<Arc<BodyLease>>,
     pub camera: Camera,
     pub selection: Selection,
     /// Give the pixels back with the answer: for a picture of it.
@@ -27,8 +31,9 @@ pub struct Work {
 /// A reference image to solve one object's keypoints in.
 #[derive(Clone, Debug)]
 pub struct ReferenceWork {
-    /// Encoded image.
-    pub image: Vec<u8>,
+    pub image: Image,
+    /// As [`Work::body`].
+    pub body: Option<Arc<BodyLease>>,
     pub camera: Camera,
     pub object: String,
     /// The object's box; the detector's where there is none.
@@ -43,6 +48,8 @@ pub struct Answer {
     pub exif: Exif,
     /// The pixels, where they were asked for.
     pub image: Option<RgbImage>,
+    /// The room that these pixels take: held until they, and what is made of them, are gone.
+    pub room: Option<PixelLease>,
     /// Images that were worked on together, this one included.
     pub batch_size: usize,
     pub queued: Duration,
@@ -53,20 +60,33 @@ pub struct Answer {
 /// Why there is no estimate.
 #[derive(Debug, Error)]
 pub enum QueueError {
-    #[error("{limit} images are waiting already ('queue'); try again in a moment")]
-    Full { limit: usize },
-    #[error("{limit} bytes of images are waiting already ('queue_bytes'); try again in a moment")]
-    FullBytes { limit: usize },
+    #[error(transparent)]
+    Refused(#[from] Refusal),
     #[error(transparent)]
     Abandoned(#[from] Abandoned),
     #[error(transparent)]
-    Decode(#[from] DecodeError),
+    Decode(#[from] crate::vision::DecodeError),
+    #[error(
+        "decoding this image may take {bytes} bytes, and all images together have {limit} ('pixel_bytes'); post it smaller, \
+         or as a JPEG or PNG"
+    )]
+    TooCostly { bytes: u64, limit: usize },
     #[error(transparent)]
     Estimate(#[from] EstimateError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
     #[error("the estimator failed on this image; the fault is logged")]
     Crashed,
+}
+
+impl From<PrepareError> for QueueError {
+    fn from(error: PrepareError) -> Self {
+        match error {
+            PrepareError::Decode(error) => Self::Decode(error),
+            PrepareError::TooCostly { bytes, limit } => Self::TooCostly { bytes, limit },
+            PrepareError::Crashed => Self::Crashed,
+        }
+    }
 }
 
 /// What is wanted of an image, and where it goes.
@@ -78,9 +98,9 @@ pub(super) enum Task {
 /// A reference image's box and keypoint pose.
 pub type Solved = (BoundingBox, Solution);
 
-/// Admitted: from here on it holds a place in the queue until it is dropped.
+/// An image that waits for a worker. It holds its place until it is dropped.
 pub(super) struct Job {
-    pub image: Vec<u8>,
+    pub pixels: Pixels,
     pub camera: Camera,
     pub task: Task,
     pub deadline: Instant,
@@ -88,15 +108,9 @@ pub(super) struct Job {
     pub place: Place,
 }
 
-/// A share of the queue's bounds. Given up before the caller is answered, so that its next request finds room.
-pub(super) struct Place {
-    pub _image: OwnedSemaphorePermit,
-    pub _bytes: OwnedSemaphorePermit,
-}
-
 impl Job {
-    /// Whether somebody still waits for the answer.
-    pub(super) fn wanted(&self) -> Result<(), Abandoned> {
+    /// Whether nobody waits for the answer any more.
+    pub(super) fn abandoned(&self) -> Result<(), Abandoned> {
         let gone = match &self.task {
             Task::Poses { reply, .. } => reply.is_closed(),
             Task::Reference { reply, .. } => reply.is_closed(),
@@ -110,11 +124,31 @@ impl Job {
         }
     }
 
+    /// Answers with poses. Room is given back first, so that the caller's next request finds it.
+    pub(super) fn answer(self, estimate: Estimate, batch_size: usize) {
+        let Self { pixels, task, arrived, place, .. } = self;
+        drop(place);
+        let Task::Poses { keep_image, reply, .. } = task else { return };
+        let Pixels { image, exif, room, queued, decode } = pixels;
+        let (image, room) = if keep_image { (Some(image), Some(room)) } else { (None, None) };
+        let total = arrived.elapsed();
+        // A caller that has left meanwhile is no fault.
+        drop(reply.send(Ok(Answer { estimate, exif, image, room, batch_size, queued, decode, total })));
+    }
+
+    /// Answers with a reference image's solution.
+    pub(super) fn solved(self, solved: Solved) {
+        let Self { task, place, pixels, .. } = self;
+        drop((place, pixels));
+        if let Task::Reference { reply, .. } = task {
+            drop(reply.send(Ok(solved)));
+        }
+    }
+
     /// Answers with an error.
     pub(super) fn fail(self, error: QueueError) {
-        let Self { task, place, .. } = self;
-        drop(place);
-        // A caller that has left meanwhile is no fault.
+        let Self { task, place, pixels, .. } = self;
+        drop((place, pixels));
         match task {
             Task::Poses { reply, .. } => drop(reply.send(Err(error))),
             Task::Reference { reply, .. } => drop(reply.send(Err(error))),

@@ -1,18 +1,23 @@
 //! From an image to poses, and the bounded queue in front of it. Knows nothing of HTTP or gRPC.
 
+mod admission;
 mod answer;
 mod calibrate;
 mod detect;
+mod footprint;
 mod gates;
 mod job;
 mod keypoints;
 mod parity;
 mod picture;
 mod pipeline;
+mod prepare;
 mod queue;
+mod stats;
 mod verdict;
-mod workers;
+mod worker;
 
+pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};
 pub use answer::{
     Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
     Selection, SolvedKeypoint, SolvedPose, Timings,
@@ -22,6 +27,7 @@ pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use keypoints::KeypointSolver;
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
-pub use queue::{Queue, QueueConfig, QueueStats};
+pub use queue::{Queue, QueueConfig};
+pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
-pub use workers::StartError;
+pub use worker::StartError;

@@ -20,15 +20,15 @@ pub struct Frame<'a> {
     /// The camera that took it; scaled where the image is the camera's image resized.
     pub camera: &'a Camera,
     pub selection: &'a Selection,
-    /// Asked before each stage whether somebody still waits for the answer.
-    pub wanted: &'a dyn Fn() -> Result<(), Abandoned>,
+    /// Asked before each stage whether nobody waits for the answer any more.
+    pub abandoned: &'a dyn Fn() -> Result<(), Abandoned>,
 }
 
 impl<'a> Frame<'a> {
     /// An image whose answer is wanted in any case, with all its objects.
     #[must_use]
     pub fn new(image: &'a RgbImage, camera: &'a Camera) -> Self {
-        Self { image, camera, selection: &Selection::ALL, wanted: &|| Ok(()) }
+        Self { image, camera, selection: &Selection::ALL, abandoned: &|| Ok(()) }
     }
 }
 
@@ -49,7 +49,7 @@ struct Progress {
 }
 
 /// One box whose keypoints are wanted.
-struct Wanted {
+struct BoxInFrame {
     frame: usize,
     detection: Detection,
 }
@@ -138,7 +138,7 @@ impl Estimator {
     }
 
     fn look_for_objects(&mut self, frame: &Frame<'_>) -> Result<Progress, EstimateError> {
-        (frame.wanted)()?;
+        (frame.abandoned)()?;
         let camera = frame.camera.for_image(frame.image.width(), frame.image.height())?;
         let manifest = &self.library.detector.manifest;
         let (mut detections, elapsed) =
@@ -165,7 +165,7 @@ impl Estimator {
             Ok(predictions) => predictions,
             Err(error) => {
                 // Only the frames that show this object are answered with its network's failure.
-                for Wanted { frame, .. } in wanted {
+                for BoxInFrame { frame, .. } in wanted {
                     progress[frame] = Err(error.clone());
                 }
                 return;
@@ -173,14 +173,14 @@ impl Estimator {
         };
         let elapsed = start.elapsed();
         let mut timed = None;
-        for (Wanted { frame, detection }, prediction) in wanted.into_iter().zip(&predictions) {
+        for (BoxInFrame { frame, detection }, prediction) in wanted.into_iter().zip(&predictions) {
             let Ok(progress) = &mut progress[frame] else { continue };
             if timed.replace(frame) != Some(frame) {
                 progress.timings.keypoints += elapsed;
             }
             let start = Instant::now();
             progress.poses.push(object_pose(model, offset, detection, prediction, &progress.camera));
-            progress.timings.pose += start.elapsed();
+            progress.timings.pnp += start.elapsed();
         }
     }
 
@@ -191,7 +191,7 @@ impl Estimator {
         model: &ObjectModel,
         frames: &[Frame<'a>],
         progress: &mut [Result<Progress, EstimateError>],
-    ) -> (Vec<Wanted>, Vec<Crops<'a>>) {
+    ) -> (Vec<BoxInFrame>, Vec<Crops<'a>>) {
         let (mut wanted, mut crops) = (Vec::new(), Vec::new());
         for (frame_index, (frame, progress)) in frames.iter().zip(progress).enumerate() {
             let Ok(of_frame) = progress else { continue };
@@ -199,14 +199,14 @@ impl Estimator {
             if found.is_empty() {
                 continue;
             }
-            let cut = (frame.wanted)().map_err(EstimateError::from).and_then(|()| {
+            let cut = (frame.abandoned)().map_err(EstimateError::from).and_then(|()| {
                 let mut cut =
                     |d: &Detection| keypoints::cut(&model.manifest, &mut self.resizer, frame.image, d.bounding_box);
                 Ok(found.iter().map(&mut cut).collect::<Result<Vec<_>, _>>()?)
             });
             match cut {
                 Ok(cut) => {
-                    wanted.extend(found.into_iter().map(|detection| Wanted { frame: frame_index, detection }));
+                    wanted.extend(found.into_iter().map(|detection| BoxInFrame { frame: frame_index, detection }));
                     crops.extend(cut);
                 }
                 Err(error) => *progress = Err(error),

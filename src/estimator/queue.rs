@@ -1,66 +1,43 @@
+//! The estimator as a service within the process: bounded, with deadlines, answered by workers.
+
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{Semaphore, oneshot};
-
-use super::answer::Abandoned;
-use super::job::{Answer, Job, Place, QueueError, ReferenceWork, Solved, Task, Work};
-use super::workers;
-use super::{Estimator, StartError};
-use crate::model::RuntimeError;
-use crate::vision::DecodeOptions;
 use posed_core::geometry::Camera;
+use tokio::sync::oneshot;
 
-/// How much may wait, and how it is worked on.
+use super::admission::{Admission, BodyLease, Place, Room};
+use super::answer::Abandoned;
+use super::job::{Answer, Job, QueueError, ReferenceWork, Solved, Task, Work};
+use super::pipeline::Estimator;
+use super::prepare::Decoders;
+use super::stats::Stats;
+use super::worker::{self, Batching, StartError};
+use crate::model::RuntimeError;
+use crate::vision::{DecodeOptions, Image};
+
+/// How much may be there at once, and how it is worked on.
 #[derive(Clone, Copy, Debug)]
 pub struct QueueConfig {
-    /// Images in work or waiting.
-    pub limit: usize,
-    /// Bytes of encoded images in work or waiting.
-    pub limit_bytes: usize,
+    pub room: Room,
+    /// Images decoded at the same time.
+    pub decoders: usize,
+    pub decode: DecodeOptions,
     /// Threads that each own a set of networks.
     pub workers: usize,
     /// Images worked on together.
     pub max_batch: usize,
     /// How long a batch waits for company.
     pub batch_delay: Duration,
-    pub decode: DecodeOptions,
 }
 
-/// What has gone through a queue since its start.
-#[derive(Debug, Default)]
-pub struct QueueStats {
-    pub admitted: AtomicU64,
-    pub refused: AtomicU64,
-    /// Given to a worker.
-    pub worked: AtomicU64,
-    pub expired: AtomicU64,
-    pub cancelled: AtomicU64,
-    pub batches: AtomicU64,
-    pub worker_restarts: AtomicU64,
-    /// Workers that can take a batch.
-    pub ready_workers: AtomicUsize,
-}
-
-impl QueueStats {
-    pub(super) fn count_abandoned(&self, why: Abandoned) {
-        count(match why {
-            Abandoned::Expired => &self.expired,
-            Abandoned::Cancelled => &self.cancelled,
-        });
-    }
-}
-
-/// A bounded queue before the workers that own the networks.
+/// A bounded queue before the workers that own the networks. Clones are the same queue.
 #[derive(Clone, Debug)]
 pub struct Queue {
+    admission: Admission,
+    decoders: Decoders,
     jobs: crossbeam_channel::Sender<Job>,
-    /// Count jobs from arrival to answer, so that the bounds include those being worked on.
-    places: Arc<Semaphore>,
-    bytes: Arc<Semaphore>,
-    config: QueueConfig,
-    stats: Arc<QueueStats>,
+    stats: Arc<Stats>,
 }
 
 impl Queue {
@@ -73,23 +50,26 @@ impl Queue {
         config: QueueConfig,
         make: impl Fn() -> Result<Estimator, RuntimeError> + Send + Sync + 'static,
     ) -> Result<Self, StartError> {
-        let stats = Arc::new(QueueStats::default());
-        let (jobs, receiver) = crossbeam_channel::bounded(config.limit);
-        workers::start(config, receiver, &(Arc::new(make) as _), &stats)?;
-        let (places, bytes) = (Arc::new(Semaphore::new(config.limit)), Arc::new(Semaphore::new(config.limit_bytes)));
-        Ok(Self { jobs, places, bytes, config, stats })
+        let stats = Arc::new(Stats::default());
+        // Every job holds a place, so that the channel is bounded by them.
+        let (jobs, receiver) = crossbeam_channel::unbounded();
+        let batching = Batching { most: config.max_batch, delay: config.batch_delay };
+        worker::start(config.workers, batching, &receiver, &(Arc::new(make) as _), &stats)?;
+        let admission = Admission::new(config.room);
+        let decoders = Decoders::new(admission.clone(), config.decoders, config.decode);
+        Ok(Self { admission, decoders, jobs, stats })
     }
 
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.
     ///
     /// # Errors
-    /// [`QueueError::Full`] at once when the queue is full; [`Abandoned::Expired`] at the deadline, whatever the workers do;
-    /// otherwise what decoding or estimating says.
+    /// [`QueueError::Refused`] at once when the queue is full; [`Abandoned::Expired`] at the deadline, whatever the workers
+    /// do; otherwise what decoding or estimating says.
     pub async fn estimate(&self, work: Work) -> Result<Answer, QueueError> {
-        let Work { image, camera, selection, keep_image, deadline } = work;
+        let Work { image, body, camera, selection, keep_image, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        self.submit(image, camera, deadline, Task::Poses { selection, keep_image, reply })?;
-        self.wait(answer, deadline).await
+        let task = Task::Poses { selection, keep_image, reply };
+        self.run(Request { image, body, camera, task, keep_image, deadline }, answer).await
     }
 
     /// Solves an object's keypoints in one reference image.
@@ -97,54 +77,82 @@ impl Queue {
     /// # Errors
     /// As [`Queue::estimate`].
     pub async fn measure(&self, work: ReferenceWork) -> Result<Solved, QueueError> {
-        let ReferenceWork { image, camera, object, region, deadline } = work;
+        let ReferenceWork { image, body, camera, object, region, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        self.submit(image, camera, deadline, Task::Reference { object, region, reply })?;
-        self.wait(answer, deadline).await
+        let task = Task::Reference { object, region, reply };
+        self.run(Request { image, body, camera, task, keep_image: false, deadline }, answer).await
     }
 
     #[must_use]
-    pub fn stats(&self) -> &QueueStats {
+    pub fn stats(&self) -> &Stats {
         &self.stats
     }
 
-    /// Images in work or waiting.
+    /// The room before the workers: to be asked before a body is read.
     #[must_use]
-    pub fn depth(&self) -> usize {
-        self.config.limit - self.places.available_permits()
+    pub fn admission(&self) -> &Admission {
+        &self.admission
     }
 
-    fn submit(&self, image: Vec<u8>, camera: Camera, deadline: Instant, task: Task) -> Result<(), QueueError> {
-        let place = self.admit(image.len()).inspect_err(|_| count(&self.stats.refused))?;
-        let job = Job { image, camera, task, deadline, arrived: Instant::now(), place };
-        // Never full: every job holds a place. Closed only when no worker is left.
-        self.jobs.try_send(job).map_err(|_| QueueError::Crashed)?;
-        count(&self.stats.admitted);
-        Ok(())
-    }
-
-    fn admit(&self, size: usize) -> Result<Place, QueueError> {
-        let full = |_| QueueError::Full { limit: self.config.limit };
-        let image = Arc::clone(&self.places).try_acquire_owned().map_err(full)?;
-        let full = QueueError::FullBytes { limit: self.config.limit_bytes };
-        let Ok(size) = u32::try_from(size) else { return Err(full) };
-        let bytes = Arc::clone(&self.bytes).try_acquire_many_owned(size).map_err(|_| full)?;
-        Ok(Place { _image: image, _bytes: bytes })
-    }
-
-    async fn wait<T>(
+    async fn run<T>(
         &self,
+        request: Request,
         answer: oneshot::Receiver<Result<T, QueueError>>,
-        deadline: Instant,
     ) -> Result<T, QueueError> {
-        match tokio::time::timeout_at(deadline.into(), answer).await {
+        let arrived = Instant::now();
+        let Request { image, body, camera, task, keep_image, deadline } = request;
+        let admitted = self.admit(&image, body);
+        let (place, body) = admitted.inspect_err(|_| Stats::count(&self.stats.refused))?;
+        Stats::count(&self.stats.admitted);
+        let mut waiting = Waiting { stats: &self.stats, ends: Some(Abandoned::Cancelled) };
+        let answered = async {
+            let pixels = self.decoders.decode(image, body, keep_image, arrived).await;
+            // From here on the workers count what becomes of it.
+            waiting.ends = None;
+            let pixels = pixels.inspect_err(|_| Stats::count(&self.stats.undecodable))?;
+            // Closed only when no worker is left.
+            let job = Job { pixels, camera, task, deadline, arrived, place };
+            self.jobs.send(job).map_err(|_| QueueError::Crashed)?;
             // The reply is dropped without an answer where no worker is left, or a panic spoilt the batch before it.
-            Ok(answer) => answer.unwrap_or(Err(QueueError::Crashed)),
-            Err(_) => Err(Abandoned::Expired.into()),
-        }
+            answer.await.unwrap_or(Err(QueueError::Crashed))
+        };
+        let in_time = tokio::time::timeout_at(deadline.into(), answered).await;
+        in_time.unwrap_or_else(|_| {
+            waiting.ends = waiting.ends.map(|_| Abandoned::Expired);
+            Err(Abandoned::Expired.into())
+        })
+    }
+
+    fn admit(&self, image: &Image, body: Option<Arc<BodyLease>>) -> Result<(Place, Arc<BodyLease>), QueueError> {
+        let place = self.admission.place()?;
+        let body = match body {
+            Some(body) => body,
+            None => Arc::new(self.admission.body(image.byte_count())?),
+        };
+        Ok((place, body))
     }
 }
 
-pub(super) fn count(counter: &AtomicU64) {
-    counter.fetch_add(1, Ordering::Relaxed);
+/// What [`Work`] and [`ReferenceWork`] have in common.
+struct Request {
+    image: Image,
+    body: Option<Arc<BodyLease>>,
+    camera: Camera,
+    task: Task,
+    keep_image: bool,
+    deadline: Instant,
+}
+
+/// Counts an image that is given up before a worker has it.
+struct Waiting<'a> {
+    stats: &'a Stats,
+    ends: Option<Abandoned>,
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        if let Some(why) = self.ends {
+            self.stats.abandon(why);
+        }
+    }
 }

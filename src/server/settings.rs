@@ -9,7 +9,7 @@ use std::time::Duration;
 use clap::{ArgAction, Args, ValueEnum};
 use thiserror::Error;
 
-use crate::estimator::QueueConfig;
+use crate::estimator::{QueueConfig, Room};
 use crate::model::{Provider, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
@@ -75,11 +75,11 @@ pub struct Config {
     #[arg(long, env = "POSED_QUEUE", help_heading = LIMITS)]
     #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=65_536))]
     pub queue: usize,
-    /// Bytes of encoded images in work or waiting.
+    /// Bytes of bodies, from their announcement until their images are decoded.
     #[arg(long, env = "POSED_QUEUE_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 134_217_728, value_parser = whole::<usize>(1024..=1 << 40))]
     pub queue_bytes: usize,
-    /// Memory of decoded images in work or waiting, and of decoding, bytes.
+    /// Bytes of decoded images, from an image's header until its answer has left, and of decoding.
     #[arg(long, env = "POSED_PIXEL_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 402_653_184, value_parser = whole::<usize>(4096..=1 << 40))]
     pub pixel_bytes: usize,
@@ -111,10 +111,6 @@ pub struct Config {
     #[arg(long, env = "POSED_MAX_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 60_000, value_parser = whole::<u64>(1..=3_600_000))]
     pub max_timeout_ms: u64,
-    /// Time in which the head of a request must arrive, milliseconds.
-    #[arg(long, env = "POSED_HEADER_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 5000, value_parser = whole::<u64>(100..=600_000))]
-    pub header_timeout_ms: u64,
     /// A client that sends nothing of a body for so long is cut off, milliseconds.
     #[arg(long, env = "POSED_BODY_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 3000, value_parser = whole::<u64>(100..=600_000))]
@@ -123,10 +119,10 @@ pub struct Config {
     #[arg(long, env = "POSED_WRITE_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 10_000, value_parser = whole::<u64>(100..=600_000))]
     pub write_timeout_ms: u64,
-    /// A kept connection without a request is closed after this, and a peer that answers no ping is taken for gone,
-    /// milliseconds.
+    /// A connection is closed when the head of its first or next request has not come after this, or a ping is not
+    /// answered, milliseconds.
     #[arg(long, env = "POSED_IDLE_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(100..=3_600_000))]
+    #[arg(default_value_t = 30_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub idle_timeout_ms: u64,
     /// Time that accepted requests have to finish after a shutdown signal, seconds.
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
@@ -151,8 +147,10 @@ pub enum LogFormat {
 /// Settings that are possible one by one, but not together.
 #[derive(Debug, Error)]
 pub enum SettingsError {
-    #[error("setting 'queue_bytes' is {queue_bytes}: less than one body may have ('max_body_bytes', {max_body_bytes})")]
-    QueueBytes { queue_bytes: usize, max_body_bytes: usize },
+    #[error(
+        "setting 'queue_bytes' is {queue_bytes}: the largest body ('max_body_bytes', {max_body_bytes}) needs at least {least}"
+    )]
+    QueueBytes { queue_bytes: usize, max_body_bytes: usize, least: usize },
     #[error(
         "setting 'timeout_ms' is {timeout_ms}: more than a request may ask for ('max_timeout_ms', {max_timeout_ms})"
     )]
@@ -170,8 +168,9 @@ impl Config {
     /// When two settings contradict each other, with both names.
     pub fn check(&self) -> Result<(), SettingsError> {
         let Self { queue_bytes, max_body_bytes, timeout_ms, max_timeout_ms, pixel_bytes, max_pixels, .. } = *self;
-        if queue_bytes < max_body_bytes {
-            return Err(SettingsError::QueueBytes { queue_bytes, max_body_bytes });
+        let least = Room::least_bytes(max_body_bytes);
+        if queue_bytes < least {
+            return Err(SettingsError::QueueBytes { queue_bytes, max_body_bytes, least });
         }
         if timeout_ms > max_timeout_ms {
             return Err(SettingsError::Timeout { timeout_ms, max_timeout_ms });
@@ -191,8 +190,8 @@ impl Config {
 
     pub(super) fn queue(&self) -> QueueConfig {
         QueueConfig {
-            limit: self.queue,
-            limit_bytes: self.queue_bytes,
+            room: Room { images: self.queue, bytes: self.queue_bytes, pixel_bytes: self.pixel_bytes },
+            decoders: self.decoders,
             workers: self.workers,
             max_batch: self.max_batch,
             batch_delay: Duration::from_millis(self.batch_delay_ms),

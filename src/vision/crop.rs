@@ -51,33 +51,61 @@ fn alike(squares: &[Square]) -> bool {
 }
 
 fn cut_upright(resizer: &mut Resizer, image: &RgbImage, square: &Square, size: u32) -> Result<Vec<u8>, ResampleError> {
-    let top_left = square.top_left();
-    let first = top_left.map(f64::floor);
-    let last = top_left.add_scalar(square.side).map(f64::ceil);
-    let image_size = Vector2::new(f64::from(image.width()), f64::from(image.height()));
-    let inside = first.min() >= 0.0 && (image_size - last).min() >= 0.0;
-    let padded;
-    let (canvas, origin) = if inside {
-        (image, Vector2::zeros())
-    } else {
-        padded = cut_padded(image, first, last);
-        (&padded, first)
-    };
-    let offset = top_left - origin;
-    let available = last - top_left;
-    let region =
-        ResizeOptions::new().crop(offset.x, offset.y, square.side.min(available.x), square.side.min(available.y));
-    resize(resizer, canvas, (size, size), region)
+    let (top_left, side) = (square.top_left(), square.side);
+    let inside = top_left.min() >= 0.0 && (size_of(image) - top_left).min() >= side;
+    if inside {
+        return resize(resizer, image, (size, size), ResizeOptions::new().crop(top_left.x, top_left.y, side, side));
+    }
+    let padded = Padded::new(resizer, image, square)?;
+    let (top_left, side) = ((top_left - padded.origin) / padded.step, side / padded.step);
+    // But for rounding there is always as much as the square needs.
+    let available = size_of(&padded.canvas) - top_left;
+    let region = ResizeOptions::new().crop(top_left.x, top_left.y, side.min(available.x), side.min(available.y));
+    resize(resizer, &padded.canvas, (size, size), region)
 }
 
-/// The pixels between two corners (edge coordinates, whole numbers), black outside the image.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by MAX_CROP_PX")]
-fn cut_padded(image: &RgbImage, first: Vector2<f64>, last: Vector2<f64>) -> RgbImage {
-    let (left, top) = (first.x as i64, first.y as i64);
-    let size = (last - first).map(|side| side.max(1.0) as u32);
-    let mut canvas = RgbImage::new(size.x, size.y);
-    image::imageops::replace(&mut canvas, image, -left, -top);
-    canvas
+/// A square's surroundings where it reaches beyond the image: black there.
+struct Padded {
+    canvas: RgbImage,
+    /// Of the canvas, in edge coordinates of the image.
+    origin: Vector2<f64>,
+    /// Image pixels to one of the canvas, each way.
+    step: f64,
+}
+
+/// Largest side of a canvas. A box of a large image may reach far beyond it; that must not cost as much memory again.
+const MAX_CANVAS_SIDE: f64 = 2048.0;
+
+/// What cutting a crop takes at most: a canvas and the part of the image in it, with some pixels more on every side.
+pub const MAX_CANVAS_BYTES: u64 = 2 * 3 * 2060 * 2060;
+
+impl Padded {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sides of at most MAX_CANVAS_SIDE")]
+    fn new(resizer: &mut Resizer, image: &RgbImage, square: &Square) -> Result<Self, ResampleError> {
+        let step = (square.side / MAX_CANVAS_SIDE).ceil().max(1.0);
+        let (first, last) = (square.top_left(), square.top_left().add_scalar(square.side));
+        let (first, last) = (first.map(f64::floor), last.map(f64::ceil));
+        let (from, to) = (first.sup(&Vector2::zeros()), last.inf(&size_of(image)));
+        // Whole steps: at the far edges less than one of them is lost.
+        let pixels = ((to - from) / step).map(|side| side.floor().max(0.0));
+        let before = ((from - first) / step).map(f64::ceil);
+        let origin = from - before * step;
+        let size = ((last - origin) / step).map(|side| side.ceil().max(1.0) as u32);
+        let mut canvas = RgbImage::new(size.x, size.y);
+        if pixels.min() > 0.0 {
+            let to = pixels.map(|side| side as u32);
+            let region = ResizeOptions::new().crop(from.x, from.y, pixels.x * step, pixels.y * step);
+            let part = RgbImage::from_raw(to.x, to.y, resize(resizer, image, (to.x, to.y), region)?);
+            if let Some(part) = part {
+                image::imageops::replace(&mut canvas, &part, before.x as i64, before.y as i64);
+            }
+        }
+        Ok(Self { canvas, origin, step })
+    }
+}
+
+fn size_of(image: &RgbImage) -> Vector2<f64> {
+    Vector2::new(f64::from(image.width()), f64::from(image.height()))
 }
 
 /// An upright part of an image, from which turned squares are sampled.
@@ -227,6 +255,25 @@ mod tests {
         let over = crop(&map(100, 100), square.turned(PI), 64);
         assert_eq!(pixel(&over, 64, 62, 32), [0, 0, 0]);
         assert_eq!(pixel(&over, 64, 2, 32)[2], 77);
+    }
+
+    /// A box that reaches beyond a large image is cut from a shrunken part of it, to the same place.
+    #[test]
+    fn a_large_crop_beyond_the_image_lies_where_the_affine_says() {
+        let image = RgbImage::from_fn(5000, 3000, |x, y| image::Rgb([(x / 20) as u8, (y / 12) as u8, 77]));
+        let square = Square { centre: Vector2::new(3100.4, 900.7), side: 4700.0, turn: 0.0 };
+        for square in [square, square.turned(0.2)] {
+            let crop = crop(&image, square, 200);
+            for (x, y) in [(100, 130), (20, 80), (160, 150)] {
+                let at = crop.crop_from_image.inverse().apply(&Vector2::new(f64::from(x), f64::from(y)));
+                let [red, green, blue] = pixel(&crop, 200, x, y);
+                // Levels are steps of 20 and 12 pixels.
+                assert!((20.0 * f64::from(red) + 9.5 - at.x).abs() < 21.0, "{red} {at}");
+                assert!((12.0 * f64::from(green) + 5.5 - at.y).abs() < 13.0, "{green} {at}");
+                assert_eq!(blue, 77);
+            }
+            assert_eq!(pixel(&crop, 200, 100, 2), [0, 0, 0]);
+        }
     }
 
     #[test]

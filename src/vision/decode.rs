@@ -1,41 +1,12 @@
 use std::io::Cursor;
 
-use clap::ValueEnum;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits, RgbImage};
-use serde::Serialize;
-use thiserror::Error;
 
-use super::header::{EncodedHeader, MIN_SIDE_PX, damaged, header};
-use super::raw::RawError;
+use super::error::{DecodeError, damaged};
+use super::header::{EncodedHeader, header};
+use super::options::{DecodeOptions, OrientationPolicy};
 use super::source::Image;
-
-/// What an image may demand before anything is allocated for it, and how it is read.
-#[derive(Clone, Copy, Debug)]
-pub struct DecodeOptions {
-    pub max_side_px: u32,
-    pub max_pixels: u64,
-    pub exif_orientation: OrientationPolicy,
-}
-
-impl Default for DecodeOptions {
-    fn default() -> Self {
-        Self { max_side_px: 8192, max_pixels: 24_000_000, exif_orientation: OrientationPolicy::default() }
-    }
-}
-
-/// What to do with an image that asks to be turned before it is looked at.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum OrientationPolicy {
-    /// Refuse it: it is unclear which pixels the camera parameters mean.
-    #[default]
-    Refuse,
-    /// Turn it: the camera parameters belong to the turned image.
-    Apply,
-    /// Leave it: the camera parameters belong to the pixels as they are stored.
-    Ignore,
-}
 
 /// An image, and what was found in its file.
 #[derive(Clone, Debug)]
@@ -51,30 +22,6 @@ pub struct Exif {
     pub orientation: u8,
     /// Whether it was turned so.
     pub applied: bool,
-}
-
-/// Bytes that are not an image to estimate poses from.
-#[derive(Debug, Error)]
-pub enum DecodeError {
-    #[error("the body is empty; post the bytes of a JPEG, PNG or WebP image")]
-    Empty,
-    #[error("the body is not a JPEG, PNG or WebP image (its first bytes are none of theirs)")]
-    UnknownFormat,
-    #[error("image is {width}x{height}; the limits are {max_side_px} pixels a side and {max_pixels} pixels in all")]
-    TooLarge { width: u32, height: u32, max_side_px: u32, max_pixels: u64 },
-    #[error("image is {width}x{height}; at least {MIN_SIDE_PX} pixels a side are needed")]
-    TooSmall { width: u32, height: u32 },
-    #[error("image is truncated: its last part is missing")]
-    Truncated,
-    #[error(
-        "image asks to be turned (EXIF orientation {0}), so it is unclear which pixels the camera parameters mean; \
-         post the pixels as the sensor read them, without an orientation, or choose 'apply' or 'ignore' as exif_orientation"
-    )]
-    Orientation(u8),
-    #[error(transparent)]
-    Raw(#[from] RawError),
-    #[error("image is damaged: {0}")]
-    Damaged(#[source] ImageError),
 }
 
 /// Makes 8-bit RGB of an image, within the memory that [`header`](super::header) promises.

@@ -2,8 +2,10 @@
 
 mod crop;
 mod decode;
+mod error;
 mod header;
 mod heatmap;
+mod options;
 mod overlay;
 mod raw;
 mod region;
@@ -11,10 +13,12 @@ mod resample;
 mod source;
 mod tensor;
 
-pub use crop::crop_squares;
-pub use decode::{DecodeError, DecodeOptions, Decoded, Exif, OrientationPolicy, decode};
+pub use crop::{MAX_CANVAS_BYTES, crop_squares};
+pub use decode::{Decoded, Exif, decode};
+pub use error::DecodeError;
 pub use header::{Header, header};
 pub use heatmap::{Peak, find_peak};
+pub use options::{DecodeOptions, OrientationPolicy};
 pub use overlay::{Mark, PoseMark, draw_marks, encode};
 pub use raw::{RawEncoding, RawError, RawImage, RawLayout};
 pub use region::{BoundingBox, Square};

@@ -10,3 +10,14 @@ pub enum Image {
     /// Pixels as a camera's driver gives them.
     Raw(RawImage),
 }
+
+impl Image {
+    /// Bytes that it takes as it came.
+    #[must_use]
+    pub fn byte_count(&self) -> usize {
+        match self {
+            Self::Encoded(bytes) => bytes.len(),
+            Self::Raw(raw) => raw.byte_count(),
+        }
+    }
+}

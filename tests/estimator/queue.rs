@@ -5,15 +5,16 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender};
-use posed::estimator::{Abandoned, Queue, QueueConfig, QueueError, Selection, StartError, Work};
+use posed::estimator::{Abandoned, Queue, QueueConfig, QueueError, Refusal, Room, Selection, StartError, Work};
 use posed::model::{Input, RuntimeError};
-use posed::vision::DecodeOptions;
+use posed::vision::{DecodeOptions, Image, header};
 
 use crate::script::{Manifests, Models, Script, batch_of, brightness, camera, end2end, keypoints, output, png};
 
+const ROOM: Room = Room { images: 16, bytes: 1 << 20, pixel_bytes: 1 << 26 };
 const CONFIG: QueueConfig = QueueConfig {
-    limit: 16,
-    limit_bytes: 1 << 20,
+    room: ROOM,
+    decoders: 2,
     workers: 1,
     max_batch: 8,
     batch_delay: Duration::ZERO,
@@ -29,7 +30,14 @@ const CUE: u8 = 77;
 
 fn work(brightness: u8, time: Duration) -> Work {
     let selection = Selection::ALL;
-    Work { image: png(brightness), camera: camera(), selection, keep_image: false, deadline: Instant::now() + time }
+    Work {
+        image: Image::Encoded(png(brightness).into()),
+        body: None,
+        camera: camera(),
+        selection,
+        keep_image: false,
+        deadline: Instant::now() + time,
+    }
 }
 
 fn start(config: QueueConfig, script: Script) -> Queue {
@@ -81,7 +89,7 @@ async fn a_panic_is_answered_and_the_worker_comes_back() {
     }
     assert_eq!(queue.stats().worker_restarts.load(Ordering::Relaxed), 1);
     assert_eq!(loads.load(Ordering::Relaxed), 2 * loaded, "the networks were loaded again");
-    assert_eq!(queue.depth(), 0);
+    assert_eq!(queue.admission().images(), 0);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -108,13 +116,13 @@ async fn a_network_that_fails_spoils_only_the_images_that_need_it() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_queue_is_bounded_by_count() {
     let (script, arrivals, gate) = gated();
-    let queue = start(QueueConfig { limit: 3, ..CONFIG }, script);
+    let queue = start(QueueConfig { room: Room { images: 3, ..ROOM }, ..CONFIG }, script);
     let mut waiting = Vec::new();
     for _ in 0..3 {
         waiting.push(enqueue(&queue, work(CUE, LONG)).await);
     }
     arrivals.recv().unwrap();
-    assert!(matches!(queue.estimate(work(10, LONG)).await, Err(QueueError::Full { limit: 3 })));
+    assert!(matches!(queue.estimate(work(10, LONG)).await, Err(QueueError::Refused(Refusal::Images { limit: 3 }))));
     drop(gate);
     for task in waiting {
         assert!(task.await.unwrap().is_ok());
@@ -123,18 +131,47 @@ async fn the_queue_is_bounded_by_count() {
     assert_eq!(queue.stats().refused.load(Ordering::Relaxed), 1);
 }
 
+/// Bytes are held until an image is decoded, which waits until there is room for its pixels.
 #[tokio::test(flavor = "multi_thread")]
-async fn the_queue_is_bounded_by_bytes() {
+async fn the_queue_is_bounded_by_bytes_and_pixels() {
     let (script, arrivals, gate) = gated();
-    let size = png(CUE).len();
-    let queue = start(QueueConfig { limit_bytes: 2 * size + size / 2, ..CONFIG }, script);
+    let image = Image::Encoded(png(CUE).into());
+    let size = image.byte_count();
+    let to_decode = usize::try_from(header(&image, &CONFIG.decode).unwrap().decode_bytes).unwrap();
+    let room = Room { bytes: 2 * size + size / 2, pixel_bytes: to_decode, ..ROOM };
+    let queue = start(QueueConfig { room, ..CONFIG }, script);
     let first = enqueue(&queue, work(CUE, LONG)).await;
-    let second = enqueue(&queue, work(CUE, LONG)).await;
     arrivals.recv().unwrap();
-    assert!(matches!(queue.estimate(work(CUE, LONG)).await, Err(QueueError::FullBytes { .. })));
+    // The first one's pixels are in work: the next two wait for theirs, and hold their bytes.
+    let second = enqueue(&queue, work(10, LONG)).await;
+    let third = enqueue(&queue, work(10, LONG)).await;
+    let refused = queue.estimate(work(CUE, LONG)).await;
+    assert!(matches!(refused, Err(QueueError::Refused(Refusal::Bytes { .. }))), "{refused:?}");
+    // One that has no time to wait for pixels is told so.
+    drop(third);
+    let hurried = queue.estimate(work(10, Duration::from_millis(30))).await;
+    assert!(matches!(hurried, Err(QueueError::Refused(_) | QueueError::Abandoned(Abandoned::Expired))), "{hurried:?}");
     drop(gate);
     assert!(first.await.unwrap().is_ok() && second.await.unwrap().is_ok());
     assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert_eq!(queue.admission().bytes(), 0);
+    // What there will never be room for is told so at once.
+    let room = Room { pixel_bytes: to_decode - 1, ..ROOM };
+    let small = start(QueueConfig { room, ..CONFIG }, Script::default());
+    assert!(matches!(small.estimate(work(10, LONG)).await, Err(QueueError::TooCostly { .. })));
+}
+
+/// What cannot be decoded is its own caller's matter, and gives its room back.
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_no_image_takes_no_room() {
+    let queue = start(CONFIG, Script::default());
+    for _ in 0..2 * ROOM.images {
+        let broken = Work { image: Image::Encoded(vec![0xFF; 100].into()), ..work(10, LONG) };
+        assert!(matches!(queue.estimate(broken).await, Err(QueueError::Decode(_))));
+    }
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert_eq!((queue.admission().images(), queue.admission().bytes()), (0, 0));
+    assert_eq!(queue.stats().undecodable.load(Ordering::Relaxed), 2 * ROOM.images as u64);
 }
 
 /// While the worker is busy one batch is prepared; the images behind it are worked on together, and all crops of a batch

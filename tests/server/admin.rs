@@ -70,16 +70,16 @@ async fn metrics_count_requests_objects_and_stages() {
     reqwest::get(server.url("/v1/nothing")).await.unwrap();
     let text = reqwest::get(server.admin_url("/metrics")).await.unwrap().text().await.unwrap();
     for line in [
-        "pose_requests_total{protocol=\"http\",route=\"/v1/poses\",outcome=\"ok\"} 1",
-        "pose_requests_total{protocol=\"http\",route=\"/v1/poses\",outcome=\"unsupported_format\"} 1",
-        "pose_requests_total{protocol=\"http\",route=\"unknown\",outcome=\"not_found\"} 1",
-        "pose_stage_duration_seconds_count{stage=\"pnp\"} 1",
-        "pose_queue_dequeued_total{reason=\"worked\"} 1",
-        "pose_ready_workers 1",
+        "posed_requests_total{protocol=\"http\",route=\"/v1/poses\",outcome=\"ok\"} 1",
+        "posed_requests_total{protocol=\"http\",route=\"/v1/poses\",outcome=\"unsupported_format\"} 1",
+        "posed_requests_total{protocol=\"http\",route=\"unknown\",outcome=\"not_found\"} 1",
+        "posed_stage_duration_seconds_count{stage=\"pnp\"} 1",
+        "posed_queue_dequeued_total{reason=\"worked\"} 1",
+        "posed_ready_workers 1",
     ] {
         assert!(text.contains(line), "{line} is not in\n{text}");
     }
-    assert!(text.contains("pose_objects_total{object=\"cube\",status=\"ok\"}"), "{text}");
+    assert!(text.contains("posed_objects_total{object=\"cube\",status=\"ok\"}"), "{text}");
     assert!(text.contains("provider=\"cpu\""), "{text}");
     assert!(text.ends_with("# EOF\n"));
 }

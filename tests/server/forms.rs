@@ -91,7 +91,7 @@ async fn bad_forms_are_refused_by_name_and_the_next_good_one_works() {
     let camera = |camera: &Value| value!({"camera": camera}).to_string();
     let bad = StatusCode::BAD_REQUEST;
     let cases = [
-        ("deep", with(&deep), bad, "recursion limit"),
+        ("deep", with(&deep), bad, "the id of a registered camera"),
         ("no JSON", with("camera=demo"), bad, "'request'"),
         ("unknown field", with(r#"{"camera": "demo", "colour": "red"}"#), bad, "colour"),
         ("no camera", with("{}"), bad, "no camera"),

@@ -24,8 +24,11 @@ async fn every_sample_is_answered_right() {
     let mut client = client(&server).await;
     for sample in samples() {
         for camera in [pinhole(600.0), Camera::CameraId("demo".into())] {
-            let request =
-                EstimateRequest { image: read(&sample.file), camera: Some(camera), ..EstimateRequest::default() };
+            let request = EstimateRequest {
+                image: read(&sample.file).into(),
+                camera: Some(camera),
+                ..EstimateRequest::default()
+            };
             let answer = client.estimate(request).await.unwrap().into_inner();
             for known in &sample.objects {
                 let found = answer.poses.iter().find(|pose| pose.object == known.object).unwrap();
@@ -56,15 +59,20 @@ async fn bad_requests_have_their_codes_and_the_next_good_one_works() {
         (image.clone(), Some(Camera::CameraId("nowhere".into())), Code::NotFound, "known cameras: demo"),
     ];
     for (image, camera, code, words) in cases {
-        let status =
-            client.estimate(EstimateRequest { image, camera, ..EstimateRequest::default() }).await.unwrap_err();
+        let status = client
+            .estimate(EstimateRequest { image: image.into(), camera, ..EstimateRequest::default() })
+            .await
+            .unwrap_err();
         assert_eq!(status.code(), code);
         assert!(status.message().contains(words), "{}", status.message());
     }
-    let oversized =
-        EstimateRequest { image: vec![0; 3_000_000], camera: Some(pinhole(600.0)), ..EstimateRequest::default() };
+    let oversized = EstimateRequest {
+        image: vec![0; 3_000_000].into(),
+        camera: Some(pinhole(600.0)),
+        ..EstimateRequest::default()
+    };
     assert_eq!(client.estimate(oversized).await.unwrap_err().code(), Code::OutOfRange);
-    let good = EstimateRequest { image, camera: Some(pinhole(600.0)), ..EstimateRequest::default() };
+    let good = EstimateRequest { image: image.into(), camera: Some(pinhole(600.0)), ..EstimateRequest::default() };
     assert!(!client.estimate(good).await.unwrap().into_inner().poses.is_empty());
 }
 
@@ -82,7 +90,7 @@ async fn options_are_kept_and_bad_ones_refused() {
     let server = Server::start(&[]);
     let mut client = client(&server).await;
     let good = EstimateRequest {
-        image: read(&samples()[0].file),
+        image: read(&samples()[0].file).into(),
         camera: Some(pinhole(600.0)),
         objects: vec!["cube".into()],
         max_instances: Some(1),

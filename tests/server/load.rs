@@ -59,15 +59,16 @@ async fn a_caller_that_leaves_costs_no_compute() {
         })
         .collect();
     // As soon as all are in the queue, everybody leaves.
-    while !metrics(&server).await.contains("pose_queue_enqueued_total 12") {
+    while !metrics(&server).await.contains("posed_queue_enqueued_total 12") {
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     requests.iter().for_each(tokio::task::JoinHandle::abort);
     assert_still_works(&server).await;
     let text = metrics(&server).await;
-    let cancelled = text.lines().find_map(|line| line.strip_prefix("pose_queue_dequeued_total{reason=\"cancelled\"} "));
+    let cancelled =
+        text.lines().find_map(|line| line.strip_prefix("posed_queue_dequeued_total{reason=\"cancelled\"} "));
     assert!(cancelled.unwrap().parse::<u32>().unwrap() > 0, "{text}");
-    assert!(text.contains("pose_inflight 0"), "{text}");
+    assert!(text.contains("posed_inflight 0"), "{text}");
 }
 
 async fn metrics(server: &Server) -> String {

@@ -4,9 +4,12 @@
 mod admin;
 mod forms;
 mod grpc;
+mod hostile;
 mod http;
 mod load;
+mod raw;
 mod recalibration;
 mod stream;
 #[path = "../support/mod.rs"]
 mod support;
+mod upload;

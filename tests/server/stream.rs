@@ -17,8 +17,11 @@ async fn client(server: &Server) -> PoseServiceClient<Channel> {
 }
 
 fn frame(frame_id: u64, image: Vec<u8>) -> EstimateStreamRequest {
-    let request =
-        EstimateRequest { image, camera: Some(Camera::CameraId("demo".into())), ..EstimateRequest::default() };
+    let request = EstimateRequest {
+        image: image.into(),
+        camera: Some(Camera::CameraId("demo".into())),
+        ..EstimateRequest::default()
+    };
     EstimateStreamRequest { kind: Some(Kind::Frame(Frame { frame_id, request: Some(request) })) }
 }
 

@@ -40,6 +40,12 @@ pub fn explanation(output: &Output) -> String {
     stderr
 }
 
+/// `serve` refuses to start, with these words.
+pub fn refuses_to_serve(arguments: &[&str], words: &str) {
+    let said = explanation(&run(&[&["serve"], &FREE_PORTS[..], arguments].concat()));
+    assert!(said.contains(words), "{said}");
+}
+
 /// A running server on free ports, killed when dropped.
 pub struct Server {
     child: Child,

@@ -1,74 +1,92 @@
 //! `EstimateStream`: frames in, one response for each.
 
+use std::sync::Arc;
 use std::time::Instant;
 
+use prost::Message as _;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 use tonic::{Code, Status, Streaming};
 
-use super::{estimate, observe};
+use super::answer::{estimate, observe};
+use super::failure::code;
+use crate::estimator::BodyLease;
 use crate::proto::estimate_stream_request::Kind;
 use crate::proto::estimate_stream_response::Result as FrameResult;
 use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings};
-use crate::server::App;
+use crate::server::service::Service;
 
 const DEFAULT_WINDOW: u32 = 4;
 const MAX_WINDOW: u32 = 16;
 
 type Responses = mpsc::Sender<Result<EstimateStreamResponse, Status>>;
 
+/// A frame and the room that it takes, whether it waits or is worked on.
+struct LeasedFrame {
+    frame: Frame,
+    body: Arc<BodyLease>,
+}
+
 /// One stream's frames.
-struct Frames {
-    app: App,
+pub(super) struct Frames {
+    service: Arc<Service>,
+    /// Of messages that are on their way.
+    body: Arc<BodyLease>,
     responses: Responses,
     /// Frames in work. Dropped with a caller that leaves, and then no longer worked on.
     in_work: JoinSet<()>,
     /// With `latest_only`: the frame that comes next.
-    waiting: Option<Frame>,
+    waiting: Option<LeasedFrame>,
     latest_only: bool,
     window: usize,
     started: bool,
 }
 
-/// Serves one stream until its client closes it, leaves, or the server stops.
-pub(super) async fn run(
-    app: App,
-    mut requests: Streaming<EstimateStreamRequest>,
-    responses: Responses,
-    mut stopping: watch::Receiver<bool>,
-) {
-    let mut frames = Frames {
-        app,
-        responses: responses.clone(),
-        in_work: JoinSet::new(),
-        waiting: None,
-        latest_only: false,
-        window: DEFAULT_WINDOW as usize,
-        started: false,
-    };
-    let mut end = None;
-    while end.is_none() || frames.is_busy() {
-        tokio::select! {
-            // In the order in which frames come, the server reads no more than it works on.
-            request = requests.message(), if end.is_none() && frames.has_room() => match request {
-                Ok(Some(request)) => {
-                    if let Err(status) = frames.take(request).await {
-                        end = Some(Err(status));
-                    }
-                }
-                Ok(None) => end = Some(Ok(())),
-                Err(status) => end = Some(Err(status)),
-            },
-            Some(_) = frames.in_work.join_next() => frames.start_waiting(),
-            () = stopped(&mut stopping), if end.is_none() => {
-                end = Some(Err(Status::unavailable("the server is shutting down")));
-            }
-            () = responses.closed() => return,
+impl Frames {
+    pub(super) fn new(service: Arc<Service>, body: Arc<BodyLease>, responses: Responses) -> Self {
+        Self {
+            service,
+            body,
+            responses,
+            in_work: JoinSet::new(),
+            waiting: None,
+            latest_only: false,
+            window: DEFAULT_WINDOW as usize,
+            started: false,
         }
     }
-    if let Some(Err(status)) = end {
-        // A client that has left meanwhile is no fault.
-        let _ = responses.send(Err(status)).await;
+
+    /// Serves the stream until its client closes it, leaves, or the server stops.
+    pub(super) async fn run(
+        mut self,
+        mut requests: Streaming<EstimateStreamRequest>,
+        mut stopping: watch::Receiver<bool>,
+    ) {
+        let responses = self.responses.clone();
+        let mut end = None;
+        while end.is_none() || self.is_busy() {
+            tokio::select! {
+                // In the order in which frames come, the server reads no more than it works on.
+                request = requests.message(), if end.is_none() && self.has_room() => match request {
+                    Ok(Some(request)) => {
+                        if let Err(status) = self.take(request).await {
+                            end = Some(Err(status));
+                        }
+                    }
+                    Ok(None) => end = Some(Ok(())),
+                    Err(status) => end = Some(Err(status)),
+                },
+                Some(_) = self.in_work.join_next() => self.start_waiting(),
+                () = stopped(&mut stopping), if end.is_none() => {
+                    end = Some(Err(Status::unavailable("the server is shutting down")));
+                }
+                () = responses.closed() => return,
+            }
+        }
+        if let Some(Err(status)) = end {
+            // A client that has left meanwhile is no fault.
+            let _ = responses.send(Err(status)).await;
+        }
     }
 }
 
@@ -88,13 +106,15 @@ impl Frames {
     }
 
     async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
+        let body = Arc::new(self.body.split(request.encoded_len()));
         match request.kind {
             Some(Kind::Settings(settings)) => self.set(settings),
             Some(Kind::Frame(frame)) => {
                 self.started = true;
+                let frame = LeasedFrame { frame, body };
                 if self.in_work.len() < self.window {
                     self.start(frame);
-                } else if let Some(replaced) = self.waiting.replace(frame) {
+                } else if let Some(LeasedFrame { frame: replaced, .. }) = self.waiting.replace(frame) {
                     let message = "replaced by a newer frame".to_owned();
                     let result = FrameResult::Error(FrameError { code: Code::Aborted.into(), message });
                     respond(&self.responses, replaced.frame_id, result).await;
@@ -131,17 +151,18 @@ impl Frames {
         }
     }
 
-    fn start(&mut self, frame: Frame) {
-        let (app, responses) = (self.app.clone(), self.responses.clone());
+    fn start(&mut self, frame: LeasedFrame) {
+        let (service, responses) = (Arc::clone(&self.service), self.responses.clone());
+        let LeasedFrame { frame, body } = frame;
         self.in_work.spawn(async move {
             let start = Instant::now();
-            let deadline = app.deadline(None);
-            let answer = estimate(&app, frame.request.unwrap_or_default(), deadline).await;
-            observe(&app, "EstimateStream", &answer, start);
+            let deadline = service.deadline(None);
+            let answer = estimate(&service, frame.request.unwrap_or_default(), body, deadline).await;
+            observe(&service, "EstimateStream", &answer, start);
             let result = match answer {
                 Ok(answer) => FrameResult::Answer(answer),
                 Err(failure) => {
-                    FrameResult::Error(FrameError { code: failure.kind.grpc().into(), message: failure.message })
+                    FrameResult::Error(FrameError { code: code(failure.kind).into(), message: failure.message })
                 }
             };
             respond(&responses, frame.frame_id, result).await;

@@ -5,22 +5,17 @@ use std::time::Instant;
 
 use axum::Json;
 use axum::extract::{Request, State};
-use serde::{Deserialize, Serialize};
+use bytes::Bytes;
+use serde::Serialize;
 use tokio::task::JoinSet;
 use utoipa::ToSchema;
 
-use super::body::{self, Form};
-use super::poses::report;
-use super::{ErrorBody, ErrorDetail};
-use crate::server::App;
-use crate::server::api::json::Report;
-use crate::server::failure::{Failure, FailureKind};
-use crate::server::request::{EstimateRequest, invalid};
-
-/// One set of options for all images, or one for each.
-#[derive(Deserialize)]
-#[serde(transparent)]
-pub(super) struct BatchRequest(serde_json::Value);
+use super::failure::status;
+use super::form::{self, Form};
+use super::poses::{image, report};
+use crate::estimator::BodyLease;
+use crate::server::api::json::{BatchRequest, ErrorBody, ErrorDetail, EstimateRequest, Report};
+use crate::server::service::{Failure, FailureKind, PoseWork, Service};
 
 /// One entry for each image, in the order of the form.
 #[derive(Serialize, ToSchema)]
@@ -54,26 +49,29 @@ struct ItemReport {
         (status = 200, description = "One entry for each image, with its own status", body = BatchReport),
         (status = 400, description = "No form, no image, or options that do not fit the images", body = ErrorBody),
         (status = 413, description = "The body is larger than a limit, or holds too many images", body = ErrorBody),
+        (status = 429, description = "There is no room for the body now; see Retry-After", body = ErrorBody),
         (status = 504, description = "The body did not arrive in time", body = ErrorBody),
     )
 )]
-pub(super) async fn batch(State(app): State<App>, request: Request) -> Result<Json<BatchReport>, Failure> {
-    let deadline = body::deadline(&app, request.headers())?;
-    let Form { images, request } = body::read_form::<BatchRequest>(&app, request, deadline).await?;
+pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request) -> Result<Json<BatchReport>, Failure> {
+    let deadline = form::deadline(&service, request.headers())?;
+    let body = form::lease(&request)?;
+    let Form { images, request } = form::read_form::<BatchRequest>(&service, request, deadline).await?;
     if images.is_empty() {
-        return Err(invalid("no part 'image'; at least one is needed"));
+        return Err(Failure::invalid("no part 'image'; at least one is needed"));
     }
-    let requests = request.ok_or_else(|| invalid("no part 'request'; it names the camera"))?.for_each(images.len())?;
+    let request = request.ok_or_else(|| Failure::invalid("no part 'request'; it names the camera"))?;
+    let requests = request.for_each(images.len())?;
     let mut tasks = JoinSet::new();
     for (index, (image, request)) in images.into_iter().zip(requests).enumerate() {
-        let app = Arc::clone(&app);
+        let (service, body) = (Arc::clone(&service), Arc::clone(&body));
         // Dropped with the set, and so with a caller that leaves.
-        tasks.spawn(async move { (index, one(&app, image, request, deadline).await) });
+        tasks.spawn(async move { (index, one(&service, image, body, request, deadline).await) });
     }
     let mut items: Vec<(usize, ItemReport)> = Vec::with_capacity(tasks.len());
     while let Some(joined) = tasks.join_next().await {
-        let (index, answer) =
-            joined.map_err(|error| Failure::new(FailureKind::Internal, format!("an image was lost: {error}")))?;
+        let lost = |error| Failure::new(FailureKind::Internal, format!("an image was lost: {error}"));
+        let (index, answer) = joined.map_err(lost)?;
         items.push((index, answer.into()));
     }
     items.sort_by_key(|(index, _)| *index);
@@ -81,34 +79,18 @@ pub(super) async fn batch(State(app): State<App>, request: Request) -> Result<Js
 }
 
 async fn one(
-    app: &App,
-    image: Vec<u8>,
+    service: &Service,
+    bytes: Bytes,
+    body: Arc<BodyLease>,
     request: Result<EstimateRequest, Failure>,
     deadline: Instant,
 ) -> Result<Report, Failure> {
-    let options = request?.check(app)?;
-    let answer = app.estimate(image, &options, deadline, false).await?;
-    Ok(report(app, &answer, &options))
-}
-
-impl BatchRequest {
-    fn for_each(self, images: usize) -> Result<Vec<Result<EstimateRequest, Failure>>, Failure> {
-        let parse = |json: serde_json::Value| {
-            serde_json::from_value(json).map_err(|error| invalid(&format!("part 'request': {error}")))
-        };
-        let list = match self.0 {
-            serde_json::Value::Array(list) => list,
-            shared @ (serde_json::Value::Null
-            | serde_json::Value::Bool(_)
-            | serde_json::Value::Number(_)
-            | serde_json::Value::String(_)
-            | serde_json::Value::Object(_)) => vec![shared; images],
-        };
-        if list.len() != images {
-            return Err(invalid(&format!("part 'request' lists {} options for {images} images", list.len())));
-        }
-        Ok(list.into_iter().map(parse).collect())
-    }
+    let (asked, raw) = request?.translate()?;
+    let options = service.options(asked)?;
+    let image = image(bytes, raw)?;
+    let work = PoseWork { image, body, options: &options, keep_image: false, deadline };
+    let answer = service.estimate_in_turn(work).await?;
+    Ok(report(service, &answer, &options))
 }
 
 impl From<Result<Report, Failure>> for ItemReport {
@@ -117,7 +99,7 @@ impl From<Result<Report, Failure>> for ItemReport {
             Ok(report) => Self { status: 200, answer: Some(report), error: None },
             Err(failure) => {
                 let ErrorBody { error } = ErrorBody::from(&failure);
-                Self { status: failure.kind.http().as_u16(), answer: None, error: Some(error) }
+                Self { status: status(failure.kind).as_u16(), answer: None, error: Some(error) }
             }
         }
     }

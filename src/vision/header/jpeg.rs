@@ -1,7 +1,7 @@
 use image::ImageFormat;
 
-use super::{EncodedHeader, Fields, damaged};
-use crate::vision::decode::DecodeError;
+use super::facts::{EncodedHeader, Fields};
+use crate::vision::error::{DecodeError, damaged};
 
 /// For each byte of the file: the decoder's copy of it, a copy of its metadata, and a record for each of their segments,
 /// which may be shorter than its record.

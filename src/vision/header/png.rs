@@ -1,7 +1,7 @@
 use image::ImageFormat;
 
-use super::{EncodedHeader, Fields, damaged};
-use crate::vision::decode::DecodeError;
+use super::facts::{EncodedHeader, Fields};
+use crate::vision::error::{DecodeError, damaged};
 
 /// The decoder's window, buffers and smallest tables: 150 kB and 300 kB measured.
 const BUFFERS: u64 = 512 << 10;

@@ -1,7 +1,7 @@
 use image::ImageFormat;
 
-use super::{EncodedHeader, Fields, damaged};
-use crate::vision::decode::DecodeError;
+use super::facts::{EncodedHeader, Fields};
+use crate::vision::error::{DecodeError, damaged};
 
 /// Bytes of each pixel that lossy decoding takes: planes of luma and chroma, and the modes of its blocks; 1.8 measured.
 const LOSSY: u64 = 2;

@@ -1,7 +1,4 @@
 use std::fmt;
-use std::str::FromStr;
-
-use super::RawError;
 
 /// How the pixels of a raw image lie in memory, by its name in ROS (`sensor_msgs/image_encodings`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,14 +74,5 @@ impl RawEncoding {
 impl fmt::Display for RawEncoding {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.pad(self.name())
-    }
-}
-
-impl FromStr for RawEncoding {
-    type Err = RawError;
-
-    fn from_str(name: &str) -> Result<Self, RawError> {
-        let known = Self::ALL.into_iter().find(|encoding| encoding.name() == name);
-        known.ok_or_else(|| RawError::UnknownEncoding(name.to_owned()))
     }
 }

@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-use super::RawEncoding;
+use super::encoding::RawEncoding;
 
 /// A raw image that does not fit its layout.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]

@@ -46,6 +46,15 @@ impl FromStr for RawLayout {
     }
 }
 
+impl FromStr for RawEncoding {
+    type Err = RawError;
+
+    fn from_str(name: &str) -> Result<Self, RawError> {
+        let known = Self::ALL.into_iter().find(|encoding| encoding.name() == name);
+        known.ok_or_else(|| RawError::UnknownEncoding(name.to_owned()))
+    }
+}
+
 /// A raw image whose data has the size that its layout says.
 #[derive(Clone, Debug)]
 pub struct RawImage {
@@ -92,6 +101,12 @@ impl RawImage {
     #[must_use]
     pub fn height(&self) -> u32 {
         self.height
+    }
+
+    /// Bytes that it takes as it came.
+    #[must_use]
+    pub fn byte_count(&self) -> usize {
+        self.data.len()
     }
 
     /// YUV is read as BT.601 in its limited range, as OpenCV does; Bayer patterns are interpolated linearly.

@@ -1,14 +1,20 @@
 //! What requests are made of.
 
-use posed_core::geometry::{Pose, PoseError};
-use serde::{Deserialize, Serialize};
+use std::fmt;
+
+use posed_core::geometry::{Camera, Pose, PoseError};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
+use crate::server::service::CameraChoice;
+use crate::vision::{RawError, RawLayout};
+
 /// A pose: a unit quaternion x, y, z, w, and metres.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, serde::Deserialize, ToSchema)]
 #[schema(as = Pose)]
 #[serde(deny_unknown_fields)]
-pub(in crate::server) struct PoseForm {
+pub(crate) struct PoseForm {
     rotation_xyzw: [f64; 4],
     translation_m: [f64; 3],
 }
@@ -25,7 +31,7 @@ impl TryFrom<PoseForm> for Pose {
 #[derive(ToSchema)]
 #[schema(as = Camera)]
 #[expect(dead_code, reason = "describes the JSON form of `posed_core`'s camera; a test compares them")]
-pub(in crate::server) struct CameraForm {
+pub(crate) struct CameraForm {
     model: CameraModelForm,
     /// Of the image that the parameters belong to. Without it no image can be found to be of another size.
     width: Option<u32>,
@@ -51,11 +57,71 @@ enum CameraModelForm {
     Fisheye,
 }
 
+/// For the documentation: which JSON a camera may be.
+#[derive(ToSchema)]
+#[schema(as = CameraChoice)]
+#[expect(dead_code, reason = "describes JSON")]
+pub(crate) enum CameraChoiceForm {
+    #[schema(title = "id")]
+    Id(String),
+    #[schema(title = "camera")]
+    Camera(CameraForm),
+}
+
+impl<'de> Deserialize<'de> for CameraChoice {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(ChoiceVisitor)
+    }
+}
+
+/// Tells an id from a camera by its first character, so that a camera's own errors are told.
+struct ChoiceVisitor;
+
+impl<'de> Visitor<'de> for ChoiceVisitor {
+    type Value = CameraChoice;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("the id of a registered camera, or a camera")
+    }
+
+    fn visit_str<E: de::Error>(self, id: &str) -> Result<CameraChoice, E> {
+        Ok(CameraChoice::Registered(id.to_owned()))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<CameraChoice, A::Error> {
+        let camera = Camera::deserialize(MapAccessDeserializer::new(map));
+        camera.map(CameraChoice::Given).map_err(|error| de::Error::custom(format!("field 'camera': {error}")))
+    }
+}
+
+/// The layout of a raw frame, as ROS `sensor_msgs/Image` names it.
+#[derive(Clone, Debug, serde::Deserialize, ToSchema)]
+#[schema(as = RawLayout)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawForm {
+    #[schema(example = "bgr8")]
+    pub encoding: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// Bytes of a row; by default as many as its pixels take.
+    pub step: Option<u32>,
+}
+
+impl TryFrom<RawForm> for RawLayout {
+    type Error = RawError;
+
+    fn try_from(form: RawForm) -> Result<Self, RawError> {
+        let RawForm { encoding, width, height, step } = form;
+        Ok(Self { encoding: encoding.parse()?, width, height, step })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
 
-    use posed_core::geometry::Camera;
     use utoipa::PartialSchema as _;
 
     use super::*;

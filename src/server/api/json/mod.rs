@@ -1,12 +1,22 @@
 //! Requests and answers as JSON, with their schemas.
 
+mod errors;
 mod forms;
+mod info;
 mod report;
+mod requests;
+mod status;
+mod transform;
 mod trust;
 
-pub(in crate::server) use forms::{CameraForm, PoseForm};
+pub(crate) use errors::{ErrorBody, ErrorDetail};
+pub(crate) use forms::{CameraForm, RawForm};
+pub(crate) use info::{LimitsReport, ObjectReport, ReferenceReport};
 pub use report::{
-    AlternativeReport, DetectionReport, ExifReport, ImageReport, KeypointReport, ModelsReport, PlacedReport,
-    PoseReport, Report, ReportContext, SolvedReport, TimingsReport, TransformReport,
+    AlternativeReport, DetectionReport, ExifReport, ImageReport, KeypointReport, ModelsReport, PoseReport, Report,
+    ReportContext, SolvedReport, TimingsReport,
 };
+pub(crate) use requests::{BatchRequest, EstimateRequest, ReferenceRequest};
+pub(crate) use status::StatusReport;
+pub use transform::{PlacedReport, TransformReport};
 pub use trust::{ReasonForm, StatusForm};

@@ -6,8 +6,9 @@ use std::time::Duration;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use posed_core::geometry::{Covariance6, Pose};
+use posed_core::geometry::Pose;
 
+use super::transform::{PlacedReport, TransformReport};
 use super::trust::{ReasonForm, StatusForm};
 use crate::estimator::{Answer, CallerFrames, ObjectPose, SolvedKeypoint, SolvedPose};
 use crate::model::{ModelsInUse, Provider};
@@ -130,25 +131,6 @@ pub struct AlternativeReport {
     pub weight: f64,
 }
 
-/// A transform in both common forms.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct TransformReport {
-    /// Unit, w >= 0.
-    pub rotation_xyzw: [f64; 4],
-    pub translation_m: [f64; 3],
-    /// Homogeneous, row-major.
-    pub matrix: [[f64; 4]; 4],
-}
-
-/// A pose in a frame of the caller.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct PlacedReport {
-    #[serde(flatten)]
-    pub transform: TransformReport,
-    /// Along the axes of the caller's frame. The caller's own transform counts as exact.
-    pub covariance: [[f64; 6]; 6],
-}
-
 /// Milliseconds spent in each stage. Images that were worked on together share the time of the keypoint nets.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct TimingsReport {
@@ -156,7 +138,7 @@ pub struct TimingsReport {
     pub decode: f64,
     pub detect: f64,
     pub keypoints: f64,
-    pub pose: f64,
+    pub pnp: f64,
     pub total: f64,
     /// Images that were worked on together.
     pub batch_size: usize,
@@ -202,7 +184,7 @@ impl Report {
                 decode: milliseconds(answer.decode),
                 detect: milliseconds(timings.detect),
                 keypoints: milliseconds(timings.keypoints),
-                pose: milliseconds(timings.pose),
+                pnp: milliseconds(timings.pnp),
                 total: milliseconds(answer.total),
                 batch_size: answer.batch_size,
             },
@@ -230,7 +212,7 @@ impl PoseReport {
 
 impl SolvedReport {
     fn new(solved: &SolvedPose, frames: &CallerFrames) -> Self {
-        let placed = |frame: &Pose| PlacedReport::new(&solved.in_frame(frame));
+        let placed = |frame: &Pose| PlacedReport::from(&solved.in_frame(frame));
         Self {
             camera_from_object: (&solved.camera_from_object).into(),
             covariance: solved.covariance.transpose().into(),
@@ -249,12 +231,6 @@ impl SolvedReport {
     }
 }
 
-impl PlacedReport {
-    fn new((pose, covariance): &(Pose, Covariance6)) -> Self {
-        Self { transform: pose.into(), covariance: covariance.transpose().into() }
-    }
-}
-
 impl From<&SolvedKeypoint> for KeypointReport {
     fn from(keypoint: &SolvedKeypoint) -> Self {
         Self {
@@ -262,16 +238,6 @@ impl From<&SolvedKeypoint> for KeypointReport {
             residual_px: round(keypoint.residual_px),
             peak: round(keypoint.peak),
             inlier: keypoint.inlier,
-        }
-    }
-}
-
-impl From<&Pose> for TransformReport {
-    fn from(pose: &Pose) -> Self {
-        Self {
-            rotation_xyzw: pose.rotation_xyzw(),
-            translation_m: pose.translation_m(),
-            matrix: pose.matrix().transpose().into(),
         }
     }
 }

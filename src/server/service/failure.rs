@@ -1,21 +1,20 @@
-use axum::http::StatusCode;
-use tonic::Code;
+//! What can go wrong with a request.
 
-use super::Cameras;
+use super::cameras::Cameras;
 use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
 use crate::vision::DecodeError;
 use posed_core::geometry::CameraError;
 
-/// Why a request gets no estimate, in words that both protocols carry.
+/// Why a request is not answered as asked, in words that every protocol carries.
 #[derive(Debug)]
-pub(super) struct Failure {
+pub(crate) struct Failure {
     pub kind: FailureKind,
     pub message: String,
 }
 
-/// Each kind has one HTTP status and one gRPC code.
+/// Each front end has one status for each kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum FailureKind {
+pub(crate) enum FailureKind {
     InvalidRequest,
     InvalidImage,
     UnsupportedFormat,
@@ -33,7 +32,7 @@ pub(super) enum FailureKind {
 }
 
 impl FailureKind {
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::InvalidRequest => "invalid_request",
             Self::InvalidImage => "invalid_image",
@@ -51,43 +50,22 @@ impl FailureKind {
             Self::Internal => "internal",
         }
     }
-
-    pub(super) fn http(self) -> StatusCode {
-        match self {
-            Self::InvalidRequest | Self::InvalidImage => StatusCode::BAD_REQUEST,
-            Self::UnsupportedFormat => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-            Self::UnknownCamera | Self::UnknownObject | Self::NotFound => StatusCode::NOT_FOUND,
-            Self::NotCalibrated => StatusCode::CONFLICT,
-            Self::Unmeasurable => StatusCode::UNPROCESSABLE_ENTITY,
-            Self::Forbidden => StatusCode::FORBIDDEN,
-            Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
-            Self::TimedOut => StatusCode::GATEWAY_TIMEOUT,
-            Self::QueueFull => StatusCode::TOO_MANY_REQUESTS,
-            Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
-        }
-    }
-
-    pub(super) fn grpc(self) -> Code {
-        match self {
-            Self::InvalidRequest | Self::InvalidImage | Self::UnsupportedFormat => Code::InvalidArgument,
-            Self::TooLarge | Self::QueueFull => Code::ResourceExhausted,
-            Self::UnknownCamera | Self::UnknownObject | Self::NotFound => Code::NotFound,
-            Self::NotCalibrated | Self::Unmeasurable => Code::FailedPrecondition,
-            Self::Forbidden => Code::PermissionDenied,
-            Self::MethodNotAllowed => Code::Unimplemented,
-            Self::TimedOut => Code::DeadlineExceeded,
-            Self::Internal => Code::Internal,
-        }
-    }
 }
 
 impl Failure {
-    pub(super) fn new(kind: FailureKind, message: impl Into<String>) -> Self {
+    pub(crate) fn new(kind: FailureKind, message: impl Into<String>) -> Self {
         Self { kind, message: message.into() }
     }
 
-    pub(super) fn unknown_camera(id: &str, cameras: &Cameras) -> Self {
+    pub(crate) fn invalid(message: impl Into<String>) -> Self {
+        Self::new(FailureKind::InvalidRequest, message)
+    }
+
+    pub(crate) fn body_too_large(limit: usize) -> Self {
+        Self::new(FailureKind::TooLarge, format!("the body is larger than {limit} bytes ('max_body_bytes')"))
+    }
+
+    pub(crate) fn unknown_camera(id: &str, cameras: &Cameras) -> Self {
         let known = cameras.ids().collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none".to_owned() } else { known };
         Self::new(
@@ -106,9 +84,10 @@ impl From<CameraError> for Failure {
 impl From<QueueError> for Failure {
     fn from(error: QueueError) -> Self {
         let kind = match &error {
-            QueueError::Full { .. } | QueueError::FullBytes { .. } => FailureKind::QueueFull,
+            QueueError::Refused(_) => FailureKind::QueueFull,
             QueueError::Abandoned(_) => FailureKind::TimedOut,
             QueueError::Decode(decode) => of_decode(decode),
+            QueueError::TooCostly { .. } => FailureKind::TooLarge,
             QueueError::Estimate(estimate) => of_estimate(estimate),
             QueueError::Measure(measure) => match measure {
                 MeasureError::Estimate(estimate) => of_estimate(estimate),

@@ -11,6 +11,8 @@ use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
+use super::limits::Limits;
+use super::memory::resident_bytes;
 use crate::estimator::{Answer, Queue};
 use crate::model::ModelsInUse;
 
@@ -52,7 +54,7 @@ const IMAGES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 type Histograms<L> = Family<L, Histogram, fn() -> Histogram>;
 
 /// Every metric; labels are bounded by routes, outcomes and objects.
-pub(super) struct Metrics {
+pub(crate) struct Metrics {
     registry: Registry,
     requests: Family<RequestLabels, Counter>,
     durations: Histograms<RouteLabels>,
@@ -63,10 +65,10 @@ pub(super) struct Metrics {
 }
 
 impl Metrics {
-    pub(super) fn new(queue: Queue, models: &ModelsInUse) -> Self {
+    pub(crate) fn new(queue: Queue, models: &ModelsInUse, limits: &Limits) -> Self {
         let seconds: fn() -> Histogram = || Histogram::new(SECONDS);
         let mut metrics = Self {
-            registry: Registry::with_prefix("pose"),
+            registry: Registry::with_prefix("posed"),
             requests: Family::default(),
             durations: Family::new_with_constructor(seconds),
             stages: Family::new_with_constructor(seconds),
@@ -94,24 +96,24 @@ impl Metrics {
             metrics.batch_size.clone(),
         );
         registry.register("model_info", "Networks in use", model_info(models));
-        registry.register_collector(Box::new(QueueCollector(queue)));
+        registry.register_collector(Box::new(QueueCollector { queue, memory_bound: limits.memory.total_bytes() }));
         metrics
     }
 
-    pub(super) fn request(&self, protocol: &'static str, route: &str, outcome: &'static str, duration: Duration) {
+    pub(crate) fn request(&self, protocol: &'static str, route: &str, outcome: &'static str, duration: Duration) {
         let route = route.to_owned();
         self.requests.get_or_create(&RequestLabels { protocol, route: route.clone(), outcome }).inc();
         self.durations.get_or_create(&RouteLabels { protocol, route }).observe(duration.as_secs_f64());
     }
 
-    pub(super) fn answer(&self, answer: &Answer) {
+    pub(crate) fn answer(&self, answer: &Answer) {
         let timings = &answer.estimate.timings;
         for (stage, duration) in [
             ("queue", answer.queued),
             ("decode", answer.decode),
             ("detect", timings.detect),
             ("keypoints", timings.keypoints),
-            ("pnp", timings.pose),
+            ("pnp", timings.pnp),
         ] {
             self.stages.get_or_create(&StageLabels { stage }).observe(duration.as_secs_f64());
         }
@@ -125,7 +127,7 @@ impl Metrics {
         }
     }
 
-    pub(super) fn encode(&self) -> String {
+    pub(crate) fn encode(&self) -> String {
         let mut buffer = String::new();
         // Writing to a string cannot fail.
         let _ = text::encode(&mut buffer, &self.registry);
@@ -146,7 +148,10 @@ fn model_info(models: &ModelsInUse) -> Family<ModelLabels, prometheus_client::me
 
 /// Reads the queue's own counters when somebody asks.
 #[derive(Debug)]
-struct QueueCollector(Queue);
+struct QueueCollector {
+    queue: Queue,
+    memory_bound: u64,
+}
 
 #[derive(Clone, Debug, EncodeLabelSet, Hash, PartialEq, Eq)]
 struct ReasonLabels {
@@ -155,14 +160,15 @@ struct ReasonLabels {
 
 impl Collector for QueueCollector {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let stats = self.0.stats();
+        let (stats, admission) = (self.queue.stats(), self.queue.admission());
         let mut counter = |name: &str, help: &str, value: u64| {
             let metric = ConstCounter::new(value);
             metric.encode(encoder.encode_descriptor(name, help, None, metric.metric_type())?)
         };
         let read = |value: &std::sync::atomic::AtomicU64| value.load(Ordering::Relaxed);
         counter("queue_enqueued", "Images admitted to the queue", read(&stats.admitted))?;
-        counter("queue_refused", "Images refused because the queue was full", read(&stats.refused))?;
+        counter("queue_refused", "Bodies and images refused because there was no room", read(&stats.refused))?;
+        counter("undecodable", "Images that could not be decoded", read(&stats.undecodable))?;
         counter("batches", "Batches given to workers", read(&stats.batches))?;
         counter(
             "worker_restarts",
@@ -181,16 +187,11 @@ impl Collector for QueueCollector {
             metric.encode(encoder.encode_descriptor(name, help, None, metric.metric_type())?)
         };
         let signed = |value: usize| i64::try_from(value).unwrap_or(i64::MAX);
-        gauge("inflight", "Images in work or waiting", signed(self.0.depth()))?;
+        let long = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
+        gauge("inflight", "Images in work or waiting", signed(admission.images()))?;
+        gauge("body_bytes", "Bytes of bodies that are held", signed(admission.bytes()))?;
         gauge("ready_workers", "Workers that can take a batch", signed(stats.ready_workers.load(Ordering::Relaxed)))?;
-        gauge("resident_memory_bytes", "Resident memory of the process", resident_bytes())
+        gauge("resident_memory_bytes", "Resident memory of the process", long(resident_bytes()))?;
+        gauge("memory_bound_bytes", "What resident memory stays under", long(self.memory_bound))
     }
-}
-
-/// From the kernel; 0 where it does not say.
-fn resident_bytes() -> i64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kibibytes = line.and_then(|line| line.split_whitespace().next()?.parse::<i64>().ok());
-    kibibytes.map_or(0, |kibibytes| kibibytes * 1024)
 }

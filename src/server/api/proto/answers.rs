@@ -1,64 +1,20 @@
-//! Protobuf messages to requests, and answers to protobuf messages.
+//! What an answer says.
 
-use crate::estimator::{Answer, CallerFrames, ObjectPose, Reason, Selection, SolvedKeypoint, SolvedPose};
-use crate::model::{ModelsInUse, ObjectModel};
-use crate::proto;
-use crate::server::Shared;
-use crate::server::failure::Failure;
-use crate::server::request::{Options, invalid, no_camera, pose, registered_camera};
-use posed_core::geometry::{Camera, Covariance6, Pose, PoseError};
+use posed_core::geometry::{Covariance6, Pose};
 use posed_core::pnp::Status;
-use proto::camera::Model;
-use proto::estimate_request::Camera as CameraChoice;
 
-/// Everything but the image.
-pub(super) fn options(request: proto::EstimateRequest, app: &Shared) -> Result<Options, Failure> {
-    let camera = match request.camera.ok_or_else(no_camera)? {
-        CameraChoice::CameraId(id) => registered_camera(&id, app)?,
-        CameraChoice::InlineCamera(camera) => inline_camera(&camera)?,
-    };
-    let frame =
-        |field, transform: Option<proto::Transform>| transform.map(|transform| pose(field, transform)).transpose();
-    let options = Options {
-        camera,
-        selection: Selection {
-            objects: Some(request.objects).filter(|names| !names.is_empty()),
-            max_instances: request.max_instances.map(|count| count as usize),
-            min_confidence: request.min_confidence,
-        },
-        frames: CallerFrames {
-            world_from_camera: frame("world_from_camera", request.world_from_camera)?,
-            base_from_camera: frame("base_from_camera", request.base_from_camera)?,
-        },
-        captured_at: Some(request.captured_at).filter(|mark| !mark.is_empty()),
-    };
-    options.check(app)
-}
-
-fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
-    let pinhole = Camera::pinhole(camera.fx, camera.fy, camera.cx, camera.cy)?;
-    let model = Model::try_from(camera.model).map_err(|_| invalid("camera field 'model' is unknown"))?;
-    let with_lens = match model {
-        Model::Unspecified | Model::Pinhole if camera.distortion.is_empty() => pinhole,
-        Model::Unspecified | Model::Pinhole => {
-            return Err(invalid("camera field 'distortion' needs 'model' MODEL_OPENCV or MODEL_FISHEYE"));
-        }
-        Model::Opencv => pinhole.with_opencv_distortion(&camera.distortion)?,
-        Model::Fisheye => pinhole.with_fisheye_distortion(&camera.distortion)?,
-    };
-    match (camera.width, camera.height) {
-        (0, 0) => Ok(with_lens),
-        (width, height) => Ok(with_lens.with_size(width, height)?),
-    }
-}
+use crate::estimator::{Answer, CallerFrames, ObjectPose, Reason, SolvedKeypoint, SolvedPose};
+use crate::model::ModelsInUse;
+use crate::proto;
+use crate::server::service::{KnownObject, Options};
 
 #[expect(clippy::cast_possible_truncation, reason = "at most 16 keypoints")]
-pub(super) fn known_object(object: &ObjectModel, app: &Shared) -> proto::KnownObject {
-    let manifest = &object.manifest;
+pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
+    let manifest = &object.model.manifest;
     proto::KnownObject {
         name: manifest.name.clone(),
         obj_id: manifest.obj_id,
-        calibrated: app.is_calibrated(&manifest.name),
+        calibrated: object.reference.is_some(),
         diameter_m: manifest.diameter_m,
         keypoints: manifest.virtual_keypoints_m.len() as u32,
         model_sha256: manifest.model_sha256.clone(),
@@ -66,7 +22,7 @@ pub(super) fn known_object(object: &ObjectModel, app: &Shared) -> proto::KnownOb
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
-pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsInUse) -> proto::EstimateResponse {
+pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse) -> proto::EstimateResponse {
     let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
     let timings = &answer.estimate.timings;
     let (scaled_from_width, scaled_from_height) = answer.estimate.camera_scaled_from.unwrap_or_default();
@@ -78,7 +34,7 @@ pub(super) fn response(answer: &Answer, options: &Options, models: &ModelsInUse)
             decode_ms: milliseconds(answer.decode),
             detect_ms: milliseconds(timings.detect),
             keypoints_ms: milliseconds(timings.keypoints),
-            pose_ms: milliseconds(timings.pose),
+            pnp_ms: milliseconds(timings.pnp),
             total_ms: milliseconds(answer.total),
             batch_size: answer.batch_size as u32,
         }),
@@ -159,15 +115,6 @@ impl From<&Pose> for proto::Transform {
         let [rotation_x, rotation_y, rotation_z, rotation_w] = pose.rotation_xyzw();
         let [translation_x_m, translation_y_m, translation_z_m] = pose.translation_m();
         Self { rotation_x, rotation_y, rotation_z, rotation_w, translation_x_m, translation_y_m, translation_z_m }
-    }
-}
-
-impl TryFrom<proto::Transform> for Pose {
-    type Error = PoseError;
-
-    fn try_from(t: proto::Transform) -> Result<Self, PoseError> {
-        let rotation_xyzw = [t.rotation_x, t.rotation_y, t.rotation_z, t.rotation_w];
-        Self::from_quaternion_xyzw(rotation_xyzw, [t.translation_x_m, t.translation_y_m, t.translation_z_m])
     }
 }
 

@@ -8,7 +8,7 @@ use posed_core::geometry::Camera;
 
 /// A folder of cameras that cannot be used.
 #[derive(Debug, Error)]
-pub enum CameraError {
+pub(crate) enum CameraFolderError {
     #[error("cannot read the camera folder {}: {source}", path.display())]
     Folder { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
@@ -17,7 +17,7 @@ pub enum CameraError {
 
 /// Cameras by id: `left.camera.json` is camera `left`.
 #[derive(Debug, Default)]
-pub struct Cameras {
+pub(crate) struct Cameras {
     by_id: BTreeMap<String, Camera>,
 }
 
@@ -28,8 +28,8 @@ impl Cameras {
     ///
     /// # Errors
     /// When the folder or one of the files cannot be read, or a file describes no camera.
-    pub fn read(folder: &Path) -> Result<Self, CameraError> {
-        let unreadable = |source| CameraError::Folder { path: folder.into(), source };
+    pub(crate) fn read(folder: &Path) -> Result<Self, CameraFolderError> {
+        let unreadable = |source| CameraFolderError::Folder { path: folder.into(), source };
         let mut by_id = BTreeMap::new();
         for entry in std::fs::read_dir(folder).map_err(unreadable)? {
             let path = entry.map_err(unreadable)?.path();
@@ -42,15 +42,15 @@ impl Cameras {
     }
 
     #[must_use]
-    pub fn get(&self, id: &str) -> Option<&Camera> {
+    pub(crate) fn get(&self, id: &str) -> Option<&Camera> {
         self.by_id.get(id)
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, &Camera)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (&str, &Camera)> {
         self.by_id.iter().map(|(id, camera)| (id.as_str(), camera))
     }
 
-    pub fn ids(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn ids(&self) -> impl Iterator<Item = &str> {
         self.by_id.keys().map(String::as_str)
     }
 }

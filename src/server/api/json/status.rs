@@ -1,0 +1,103 @@
+//! `GET /v1/status`.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::report::ModelsReport;
+use crate::model::ModelsInUse;
+use crate::server::service::{Latency, Limits, StatusSnapshot};
+
+/// How the server is doing.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct StatusReport {
+    ready: bool,
+    /// Why it is not ready.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trouble: Option<&'static str>,
+    queue: QueueReport,
+    workers: WorkersReport,
+    last_minute: LastMinuteReport,
+    models: ModelsReport,
+    memory: MemoryInUse,
+}
+
+#[derive(Serialize, ToSchema)]
+struct QueueReport {
+    /// In work or waiting.
+    images: usize,
+    max_images: usize,
+    /// Of bodies whose images are not decoded yet.
+    body_bytes: usize,
+    max_body_bytes: usize,
+}
+
+#[derive(Serialize, ToSchema)]
+struct WorkersReport {
+    ready: usize,
+    /// Since the start, each after a fault.
+    restarts: u64,
+}
+
+/// Requests on every protocol.
+#[derive(Serialize, ToSchema)]
+struct LastMinuteReport {
+    /// `ok`, or an error's code.
+    #[schema(value_type = BTreeMap<String, usize>)]
+    outcomes: BTreeMap<&'static str, usize>,
+    /// Successes.
+    requests_per_second: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    latency_ms: Option<LatencyReport>,
+}
+
+/// Quantiles of the successes.
+#[derive(Serialize, ToSchema)]
+struct LatencyReport {
+    p50: f64,
+    p90: f64,
+    p99: f64,
+}
+
+#[derive(Serialize, ToSchema)]
+struct MemoryInUse {
+    resident_bytes: u64,
+    /// What it stays under; `/v1/limits` says why.
+    bound_bytes: u64,
+}
+
+impl StatusReport {
+    pub(crate) fn new(now: StatusSnapshot, limits: &Limits, models: &ModelsInUse) -> Self {
+        Self {
+            ready: now.trouble.is_none(),
+            trouble: now.trouble,
+            queue: QueueReport {
+                images: now.images,
+                max_images: limits.queue,
+                body_bytes: now.body_bytes,
+                max_body_bytes: limits.queue_bytes,
+            },
+            workers: WorkersReport { ready: now.ready_workers, restarts: now.worker_restarts },
+            last_minute: LastMinuteReport {
+                outcomes: now.last_minute.outcomes,
+                requests_per_second: round(now.last_minute.rate),
+                latency_ms: now.last_minute.latency.map(Into::into),
+            },
+            models: models.into(),
+            memory: MemoryInUse { resident_bytes: now.resident_bytes, bound_bytes: limits.memory.total_bytes() },
+        }
+    }
+}
+
+impl From<Latency> for LatencyReport {
+    fn from(Latency { p50, p90, p99 }: Latency) -> Self {
+        let [p50, p90, p99] = [p50, p90, p99].map(|time: Duration| round(time.as_secs_f64() * 1e3));
+        Self { p50, p90, p99 }
+    }
+}
+
+fn round(value: f64) -> f64 {
+    (value * 1e2).round() / 1e2
+}

@@ -1,0 +1,28 @@
+//! One message to one answer.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::estimator::BodyLease;
+use crate::proto;
+use crate::server::api::proto::{image, request, response};
+use crate::server::service::{Failure, PoseWork, Service};
+
+pub(super) async fn estimate(
+    service: &Service,
+    mut message: proto::EstimateRequest,
+    body: Arc<BodyLease>,
+    deadline: Instant,
+) -> Result<proto::EstimateResponse, Failure> {
+    let image = image(std::mem::take(&mut message.image), message.raw_image.take())?;
+    let options = service.options(request(message)?)?;
+    let answer = service.estimate(PoseWork { image, body, options: &options, keep_image: false, deadline }).await?;
+    Ok(response(&answer, &options, &service.models))
+}
+
+pub(super) fn observe<T>(service: &Service, route: &str, answer: &Result<T, Failure>, start: Instant) {
+    let outcome = answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok");
+    let duration = start.elapsed();
+    service.answered("grpc", route, outcome, duration);
+    tracing::info!(outcome, ms = duration.as_millis());
+}

@@ -1,0 +1,38 @@
+//! Failures as gRPC statuses.
+
+use std::time::Duration;
+
+use tonic::{Code, Status};
+use tonic_types::{ErrorDetails, StatusExt as _};
+
+use crate::server::service::{Failure, FailureKind};
+
+/// When to try again where there was no room.
+const RETRY_DELAY: Duration = Duration::from_secs(1);
+
+pub(super) fn code(kind: FailureKind) -> Code {
+    match kind {
+        FailureKind::InvalidRequest | FailureKind::InvalidImage | FailureKind::UnsupportedFormat => {
+            Code::InvalidArgument
+        }
+        FailureKind::TooLarge | FailureKind::QueueFull => Code::ResourceExhausted,
+        FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => Code::NotFound,
+        FailureKind::NotCalibrated | FailureKind::Unmeasurable => Code::FailedPrecondition,
+        FailureKind::Forbidden => Code::PermissionDenied,
+        FailureKind::MethodNotAllowed => Code::Unimplemented,
+        FailureKind::TimedOut => Code::DeadlineExceeded,
+        FailureKind::Internal => Code::Internal,
+    }
+}
+
+impl From<Failure> for Status {
+    /// With `google.rpc.ErrorInfo` (the code that JSON answers have), and `RetryInfo` where trying again is of use:
+    /// `RESOURCE_EXHAUSTED` alone does not say it.
+    fn from(failure: Failure) -> Self {
+        let mut details = ErrorDetails::with_error_info(failure.kind.name(), "posed", []);
+        if failure.kind == FailureKind::QueueFull {
+            details.set_retry_info(Some(RETRY_DELAY));
+        }
+        Self::with_error_details(code(failure.kind), failure.message, details)
+    }
+}

@@ -1,0 +1,161 @@
+//! Bodies: one image, or a form of images and one JSON part.
+
+use std::error::Error;
+use std::future::Future;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::HttpBody as _;
+use axum::extract::multipart::{Field, MultipartError};
+use axum::extract::{FromRequest as _, Multipart, Request};
+use axum::http::{HeaderMap, header};
+use bytes::{Bytes, BytesMut};
+use http_body_util::BodyExt as _;
+use serde::de::DeserializeOwned;
+
+use super::upload::{Lease, UploadError};
+use crate::estimator::BodyLease;
+use crate::server::service::{Failure, FailureKind, MAX_JSON_BYTES, Service};
+
+const TIMEOUT: &str = "x-request-timeout-ms";
+
+/// What a form holds.
+pub(super) struct Form<T> {
+    /// The parts `image`, in order.
+    pub images: Vec<Bytes>,
+    /// The part `request`.
+    pub request: Option<T>,
+}
+
+/// How a body is to be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Image,
+    Form,
+}
+
+impl Kind {
+    /// Clients that state no type, or curl's default for data, post an image.
+    pub(super) fn of(headers: &HeaderMap) -> Result<Self, Failure> {
+        let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(Self::Image) };
+        let stated = value.to_str().unwrap_or("unreadable").to_ascii_lowercase();
+        match stated.split(';').next().unwrap_or_default().trim() {
+            "multipart/form-data" => Ok(Self::Form),
+            "application/octet-stream" | "application/x-www-form-urlencoded" => Ok(Self::Image),
+            image if image.starts_with("image/") => Ok(Self::Image),
+            other => {
+                let message = format!(
+                    "content type {other:?}: post the image's bytes as image/jpeg, image/png or image/webp, or \
+                     multipart/form-data with the parts 'image' and 'request'"
+                );
+                Err(Failure::new(FailureKind::UnsupportedFormat, message))
+            }
+        }
+    }
+}
+
+/// When the request's time is over.
+pub(super) fn deadline(service: &Service, headers: &HeaderMap) -> Result<Instant, Failure> {
+    let asked = headers.get(TIMEOUT).map(|value| {
+        let milliseconds = value.to_str().ok().and_then(|text| text.parse::<u64>().ok()).filter(|ms| *ms > 0);
+        let message = || Failure::invalid(format!("header '{TIMEOUT}' must be a whole number of milliseconds"));
+        milliseconds.ok_or_else(message)
+    });
+    Ok(service.deadline(asked.transpose()?.map(Duration::from_millis)))
+}
+
+/// The room of a request's body.
+pub(super) fn lease(request: &Request) -> Result<Arc<BodyLease>, Failure> {
+    let lease = request.extensions().get::<Lease>().map(|Lease(lease)| Arc::clone(lease));
+    // Every route that reads a body is behind `admit`.
+    lease.ok_or_else(|| Failure::new(FailureKind::Internal, "the body was not admitted"))
+}
+
+/// A body that is one image.
+pub(super) async fn read_image(request: Request, deadline: Instant) -> Result<Bytes, Failure> {
+    let mut body = request.into_body();
+    // As much as it states, which was admitted; nothing is resident before it has come.
+    let stated = body.size_hint().exact().and_then(|bytes| usize::try_from(bytes).ok()).unwrap_or(0);
+    let read = async {
+        let mut bytes = BytesMut::with_capacity(stated);
+        while let Some(frame) = body.frame().await {
+            let frame = frame.map_err(|error| of_body(&error))?;
+            bytes.extend_from_slice(frame.data_ref().map_or(&[], AsRef::as_ref));
+        }
+        Ok(bytes.freeze())
+    };
+    in_time(deadline, read).await?
+}
+
+/// A body that is a form.
+pub(super) async fn read_form<T: DeserializeOwned>(
+    service: &Service,
+    request: Request,
+    deadline: Instant,
+) -> Result<Form<T>, Failure> {
+    in_time(deadline, parts(service, request)).await?
+}
+
+async fn parts<T: DeserializeOwned>(service: &Service, request: Request) -> Result<Form<T>, Failure> {
+    let parts = Multipart::from_request(request, &()).await;
+    let mut parts = parts.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
+    let mut form = Form { images: Vec::new(), request: None };
+    while let Some(part) = parts.next_field().await.map_err(|error| of_part(&error))? {
+        match part.name() {
+            Some("image") if form.images.len() < service.limits.max_batch_images => {
+                form.images.push(part.bytes().await.map_err(|error| of_part(&error))?);
+            }
+            Some("image") => {
+                let most = service.limits.max_batch_images;
+                let message = format!("more than {most} parts 'image' ('max_batch_images'); send fewer at once");
+                return Err(Failure::new(FailureKind::TooLarge, message));
+            }
+            Some("request") if form.request.is_none() => form.request = Some(json(part).await?),
+            Some("request") => return Err(Failure::invalid("part 'request' is there twice")),
+            other => {
+                let name = other.unwrap_or("without a name");
+                return Err(Failure::invalid(format!("unknown part {name:?}; there are 'image' and 'request'")));
+            }
+        }
+    }
+    Ok(form)
+}
+
+async fn json<T: DeserializeOwned>(mut part: Field<'_>) -> Result<T, Failure> {
+    let mut text = BytesMut::new();
+    while let Some(chunk) = part.chunk().await.map_err(|error| of_part(&error))? {
+        if text.len() + chunk.len() > MAX_JSON_BYTES {
+            let message = format!("part 'request' is larger than {MAX_JSON_BYTES} bytes ('max_json_bytes')");
+            return Err(Failure::new(FailureKind::TooLarge, message));
+        }
+        text.extend_from_slice(&chunk);
+    }
+    // serde_json refuses what is nested deeper than 128 levels.
+    serde_json::from_slice(&text).map_err(|error| Failure::invalid(format!("part 'request': {error}")))
+}
+
+/// A slow sender has no more time than the answer.
+async fn in_time<T>(deadline: Instant, read: impl Future<Output = T>) -> Result<T, Failure> {
+    let message = "the request's body did not arrive in time";
+    tokio::time::timeout_at(deadline.into(), read).await.map_err(|_| Failure::new(FailureKind::TimedOut, message))
+}
+
+fn of_part(error: &MultipartError) -> Failure {
+    of_source(error).unwrap_or_else(|| Failure::invalid(error.body_text()))
+}
+
+fn of_body(error: &axum::Error) -> Failure {
+    of_source(error).unwrap_or_else(|| Failure::invalid(error.to_string()))
+}
+
+/// What stopped a body, somewhere under what its readers say.
+fn of_source(error: &(dyn Error + 'static)) -> Option<Failure> {
+    let mut next = Some(error);
+    while let Some(error) = next {
+        if let Some(stopped) = error.downcast_ref::<UploadError>() {
+            return Some(stopped.into());
+        }
+        next = error.source();
+    }
+    None
+}

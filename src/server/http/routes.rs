@@ -1,0 +1,76 @@
+//! Every route, with its description.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use axum::extract::DefaultBodyLimit;
+use axum::http::{Response, header};
+use axum::response::IntoResponse as _;
+use axum::routing::get;
+use axum::{Router, body::Body, middleware};
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::{batch, info, observe, poses, reference, upload};
+use crate::server::front_end::{Context, FrontEnd, Protocol};
+use crate::server::service::{Failure, FailureKind, Service};
+
+pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
+    name: "http",
+    protocol: Protocol::Http1,
+    address: |config| config.http,
+    router: |context| Box::pin(async move { Ok(router(&context)) }),
+};
+
+fn router(context: &Context) -> Router {
+    let service = Arc::clone(&context.service);
+    let not_allowed =
+        || async { Failure::new(FailureKind::MethodNotAllowed, "this path has other methods; see /openapi.json") };
+    let (router, _) = described().split_for_parts();
+    router
+        .route("/openapi.json", get(|| async { ([(header::CONTENT_TYPE, "application/json")], openapi()) }))
+        .fallback(|| async { Failure::new(FailureKind::NotFound, "no such path; see /openapi.json") })
+        .method_not_allowed_fallback(not_allowed)
+        .layer(CatchPanicLayer::custom(panicked))
+        // Ours is counted in `upload`.
+        .layer(DefaultBodyLimit::disable())
+        .layer(middleware::from_fn_with_state(Arc::clone(&service), upload::admit))
+        .layer(middleware::from_fn_with_state(Arc::clone(&service), observe::observe))
+        .with_state(service)
+}
+
+fn described() -> OpenApiRouter<Arc<Service>> {
+    OpenApiRouter::with_openapi(Description::openapi())
+        .routes(routes!(poses::poses))
+        .routes(routes!(batch::batch))
+        .routes(routes!(info::objects))
+        .routes(routes!(info::object))
+        .routes(routes!(reference::replace))
+        .routes(routes!(info::cameras))
+        .routes(routes!(info::limits))
+        .routes(routes!(info::status))
+}
+
+/// The description of this interface: `docs/openapi.json`, served at `/openapi.json`.
+#[must_use]
+pub fn openapi() -> String {
+    let mut text = described().into_openapi().to_pretty_json().unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+#[derive(OpenApi)]
+#[openapi(info(
+    title = "posed",
+    description = "6D poses of known rigid objects from one RGB image. Lengths are metres, angles radians, image quantities \
+                   pixels with pixel centres at integers. The camera frame is OpenCV's: x right, y down, z forward.",
+))]
+struct Description;
+
+fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response<Body> {
+    drop(panic);
+    tracing::error!("a handler panicked");
+    Failure::new(FailureKind::Internal, "the server failed on this request; the fault is logged").into_response()
+}

@@ -1,0 +1,168 @@
+//! Bodies under a lease: room is asked for before they are read, and counted as they come.
+
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::body::{Body, HttpBody};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
+use http_body::{Frame, SizeHint};
+use thiserror::Error;
+
+use crate::estimator::{BodyLease, Refusal};
+use crate::server::body::{Held, Stall, drain};
+use crate::server::service::{Failure, FailureKind, Service};
+
+/// The room of a request's body, for its handler to pass on.
+#[derive(Clone)]
+pub(super) struct Lease(pub Arc<BodyLease>);
+
+/// Why a body is not read to its end.
+#[derive(Debug, Error)]
+pub(super) enum UploadError {
+    #[error("larger than {limit} bytes")]
+    TooLarge { limit: usize },
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    #[error("nothing more came")]
+    Stalled,
+    #[error("broken off")]
+    Broken(#[source] axum::Error),
+}
+
+/// Asks for room before the body is read. What is refused is refused here, before the upload.
+pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
+    if matches!(*request.method(), Method::GET | Method::HEAD) {
+        return next.run(request).await;
+    }
+    let (mut parts, body) = request.into_parts();
+    let unread = Unread::new(&parts.headers);
+    let (limit, timeout) = (service.limits.max_body_bytes, service.limits.body_timeout);
+    let upload = |lease| Upload { body, lease, received: 0, limit, timeout, stall: None, unread: unread.clone() };
+    let mut response = match service.admit(announced(&parts.headers)) {
+        Ok(lease) => {
+            parts.extensions.insert(Lease(Arc::clone(&lease)));
+            let body = Body::new(upload(Some(Arc::clone(&lease))));
+            let response = next.run(Request::from_parts(parts, body)).await;
+            // Until the answer has left: a client that does not read it has no room for more.
+            response.map(|body| Held::body(body, lease))
+        }
+        Err(failure) => {
+            drop(upload(None));
+            failure.into_response()
+        }
+    };
+    if unread.is_unread() {
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
+    response
+}
+
+/// The length that a body states.
+fn announced(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+/// Whether something of a body is still to come.
+#[derive(Clone)]
+struct Unread {
+    finished: Arc<AtomicBool>,
+    /// The client waits for our word before it sends ('Expect: 100-continue'): where it was not given nothing comes.
+    waits: Arc<AtomicBool>,
+}
+
+impl Unread {
+    fn new(headers: &HeaderMap) -> Self {
+        let waits = headers.contains_key(header::EXPECT);
+        Self { finished: Arc::default(), waits: Arc::new(AtomicBool::new(waits)) }
+    }
+
+    fn is_unread(&self) -> bool {
+        !self.finished.load(Ordering::Relaxed)
+    }
+}
+
+/// A request's body.
+struct Upload {
+    body: Body,
+    /// None where there is no room: then it is only read to a bounded end.
+    lease: Option<Arc<BodyLease>>,
+    received: usize,
+    limit: usize,
+    timeout: Duration,
+    stall: Option<Stall>,
+    unread: Unread,
+}
+
+impl Upload {
+    fn count(&mut self, frame: &Frame<Bytes>) -> Result<(), UploadError> {
+        self.received += frame.data_ref().map_or(0, Bytes::len);
+        if self.received > self.limit {
+            return Err(UploadError::TooLarge { limit: self.limit });
+        }
+        let lease = self.lease.as_ref().map(|lease| lease.grow_to(self.received));
+        Ok(lease.transpose().map(drop)?)
+    }
+}
+
+impl HttpBody for Upload {
+    type Data = Bytes;
+    type Error = UploadError;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, UploadError>>> {
+        self.unread.waits.store(false, Ordering::Relaxed);
+        match Pin::new(&mut self.body).poll_frame(context) {
+            Poll::Ready(Some(Ok(frame))) => {
+                self.stall.as_mut().map(Stall::reset);
+                Poll::Ready(Some(self.count(&frame).map(|()| frame)))
+            }
+            Poll::Ready(Some(Err(error))) => Poll::Ready(Some(Err(UploadError::Broken(error)))),
+            Poll::Ready(None) => Poll::Ready(None),
+            Poll::Pending => {
+                let timeout = self.timeout;
+                let stall = self.stall.get_or_insert_with(|| Stall::new(timeout));
+                stall.poll(context).map(|()| Some(Err(UploadError::Stalled)))
+            }
+        }
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+impl Drop for Upload {
+    fn drop(&mut self) {
+        if self.body.is_end_stream() {
+            self.unread.finished.store(true, Ordering::Relaxed);
+        } else if !self.unread.waits.load(Ordering::Relaxed) {
+            drain(std::mem::take(&mut self.body), self.limit, self.timeout);
+        }
+    }
+}
+
+impl From<&UploadError> for Failure {
+    fn from(error: &UploadError) -> Self {
+        match error {
+            UploadError::TooLarge { limit } => Self::body_too_large(*limit),
+            UploadError::Refused(refusal) => Self::new(FailureKind::QueueFull, refusal.to_string()),
+            UploadError::Stalled => {
+                Self::new(FailureKind::TimedOut, "the request's body stopped coming ('body_timeout_ms')")
+            }
+            UploadError::Broken(_) => Self::invalid("the request's body broke off before its end"),
+        }
+    }
+}

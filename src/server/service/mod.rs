@@ -1,0 +1,26 @@
+//! What the server can do, for every front end: HTTP and gRPC translate, call this, and translate back.
+
+mod cameras;
+mod estimate;
+mod failure;
+mod limits;
+mod memory;
+mod metrics;
+mod objects;
+mod options;
+mod readiness;
+mod recalibrate;
+mod recent;
+mod state;
+mod status;
+
+pub(crate) use estimate::PoseWork;
+pub(crate) use failure::{Failure, FailureKind};
+pub(crate) use limits::{Connections, Limits, MAX_JSON_BYTES, MemoryBound};
+pub(crate) use objects::KnownObject;
+pub(crate) use options::{CameraChoice, Options, PoseRequest};
+pub(crate) use readiness::Readiness;
+pub(crate) use recalibrate::{KnownView, Recalibration};
+pub(crate) use recent::Latency;
+pub(crate) use state::{LoadFailure, Service};
+pub(crate) use status::StatusSnapshot;

@@ -1,0 +1,85 @@
+//! What a request may ask for, on every protocol.
+
+use posed_core::geometry::{Camera, Pose, PoseError};
+
+use super::failure::{Failure, FailureKind};
+use super::state::Service;
+use crate::estimator::{CallerFrames, Selection};
+
+const MAX_MARK_CHARS: usize = 64;
+
+/// A registered camera by its id, or a camera given with the request.
+#[derive(Clone, Debug)]
+pub(crate) enum CameraChoice {
+    Registered(String),
+    Given(Camera),
+}
+
+/// A request as it came, translated.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PoseRequest {
+    pub camera: Option<CameraChoice>,
+    /// Names of the objects to look for; all calibrated ones where there is no list.
+    pub objects: Option<Vec<String>>,
+    pub max_instances: Option<usize>,
+    pub min_confidence: Option<f64>,
+    pub frames: CallerFrames,
+    /// The caller's own mark of the image.
+    pub captured_at: Option<String>,
+}
+
+/// A request, checked.
+#[derive(Clone, Debug)]
+pub(crate) struct Options {
+    pub camera: Camera,
+    pub selection: Selection,
+    pub frames: CallerFrames,
+    pub captured_at: Option<String>,
+}
+
+impl Service {
+    /// Checks a request against what there is.
+    pub(crate) fn options(&self, request: PoseRequest) -> Result<Options, Failure> {
+        let PoseRequest { camera, objects, max_instances, min_confidence, frames, captured_at } = request;
+        let no_camera = || Failure::invalid("no camera: name a registered one, or give its parameters");
+        let camera = self.camera(camera.ok_or_else(no_camera)?)?;
+        for name in objects.iter().flatten() {
+            self.model(name)?;
+            if !self.is_calibrated(name) {
+                let message =
+                    format!("object {name:?} is not calibrated; measure its offset with `posed calibrate {name}`");
+                return Err(Failure::new(FailureKind::NotCalibrated, message));
+            }
+        }
+        if max_instances == Some(0) {
+            return Err(Failure::invalid("field 'max_instances' is 0; leave it out, or give at least 1"));
+        }
+        let min_confidence = min_confidence.unwrap_or(0.0);
+        if !(0.0..=1.0).contains(&min_confidence) {
+            let message = format!("field 'min_confidence' is {min_confidence}; it must lie between 0 and 1");
+            return Err(Failure::invalid(message));
+        }
+        if captured_at.as_ref().is_some_and(|mark| mark.chars().count() > MAX_MARK_CHARS) {
+            let message = format!("field 'captured_at' has more than {MAX_MARK_CHARS} characters");
+            return Err(Failure::invalid(message));
+        }
+        let selection = Selection { objects, max_instances, min_confidence };
+        Ok(Options { camera, selection, frames, captured_at })
+    }
+
+    pub(super) fn camera(&self, choice: CameraChoice) -> Result<Camera, Failure> {
+        match choice {
+            CameraChoice::Given(camera) => Ok(camera),
+            CameraChoice::Registered(id) => {
+                self.cameras.get(&id).cloned().ok_or_else(|| Failure::unknown_camera(&id, &self.cameras))
+            }
+        }
+    }
+}
+
+impl Failure {
+    /// A pose among a request's fields, or what is wrong with it.
+    pub(crate) fn or_pose(field: &str, form: impl TryInto<Pose, Error = PoseError>) -> Result<Pose, Self> {
+        form.try_into().map_err(|error| Self::invalid(format!("field '{field}' is no pose: {error}")))
+    }
+}

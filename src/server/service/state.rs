@@ -1,0 +1,106 @@
+//! Everything that is loaded once and serves until the end.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use thiserror::Error;
+
+use super::cameras::{CameraFolderError, Cameras};
+use super::limits::{Connections, Limits};
+use super::metrics::Metrics;
+use super::recent::Recent;
+use crate::estimator::{Estimator, Queue, StartError};
+use crate::model::{Backend as _, Library, LoadError, ModelsInUse, References, Runtime};
+use crate::server::settings::Config;
+
+/// The loaded models with the queue before them, and what is counted of it.
+pub(crate) struct Service {
+    pub(super) queue: Queue,
+    pub(super) library: Arc<Library>,
+    pub(super) references: Arc<References>,
+    pub(super) cameras: Cameras,
+    pub(crate) models: ModelsInUse,
+    pub(crate) limits: Limits,
+    pub(crate) metrics: Metrics,
+    pub(super) recent: Recent,
+    /// Turns of images that come in batches.
+    pub(super) batch_turns: tokio::sync::Semaphore,
+    /// There where clients may replace references. One at a time: two of one object would mix their images.
+    pub(super) recalibration: Option<tokio::sync::Mutex<()>>,
+}
+
+/// Why there is nothing to serve.
+#[derive(Debug, Error)]
+pub(crate) enum LoadFailure {
+    #[error(transparent)]
+    Cameras(#[from] CameraFolderError),
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    #[error(transparent)]
+    Start(#[from] StartError),
+}
+
+impl Service {
+    /// Loads everything from disk and starts the workers, warmed up. `connections` is what the front ends' connections may
+    /// take in all.
+    pub(crate) fn load(config: &Config, connections: Connections) -> Result<Self, LoadFailure> {
+        let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
+        let library = Arc::new(Library::load(&config.models)?);
+        let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
+        tell_what_is_served(&library, &references, config);
+        let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
+        let models = ModelsInUse::new(&library, runtime.provider());
+        let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers as u64;
+        let (of_workers, references_of_workers) = (Arc::clone(&library), Arc::clone(&references));
+        let make = move || Estimator::new(Arc::clone(&of_workers), Arc::clone(&references_of_workers), &runtime);
+        let queue = Queue::start(config.queue(), make)?;
+        let limits = Limits::new(config, working_bytes, connections);
+        let metrics = Metrics::new(queue.clone(), &models, &limits);
+        let recalibration = config.recalibration.then(|| tokio::sync::Mutex::new(()));
+        let (recent, batch_turns) = (Recent::default(), tokio::sync::Semaphore::new(limits.batch_places()));
+        Ok(Self { queue, library, references, cameras, models, limits, metrics, recent, batch_turns, recalibration })
+    }
+
+    /// `Err` says why no request should come here now.
+    pub(super) fn serves(&self) -> Result<(), &'static str> {
+        if self.queue.stats().ready_workers.load(std::sync::atomic::Ordering::Relaxed) == 0 {
+            return Err("no worker is left; see the log");
+        }
+        let mut objects = self.library.known();
+        if !objects.any(|object| self.is_calibrated(&object.manifest.name)) && self.recalibration.is_none() {
+            return Err("no object is calibrated; see `posed calibrate --help`");
+        }
+        Ok(())
+    }
+
+    pub(super) fn is_calibrated(&self, object: &str) -> bool {
+        self.references.get(object).is_some()
+    }
+
+    /// What the process stays under, in the log.
+    pub(crate) fn tell_bound(&self) {
+        let memory = self.limits.memory;
+        let mebibytes = |bytes: u64| bytes >> 20;
+        let (bound, warm) = (mebibytes(memory.total_bytes()), mebibytes(memory.warm_bytes));
+        tracing::info!("memory stays under {bound} MiB, of which {warm} are taken now; /v1/limits says for what");
+    }
+
+    /// One more request is answered.
+    pub(crate) fn answered(&self, protocol: &'static str, route: &str, outcome: &'static str, duration: Duration) {
+        self.metrics.request(protocol, route, outcome, duration);
+        self.recent.add(outcome, duration);
+    }
+}
+
+fn tell_what_is_served(library: &Library, references: &References, config: &Config) {
+    for name in library.without_model() {
+        tracing::warn!("{name} is not served: it has no model folder");
+    }
+    let is_calibrated = |name: &&str| references.get(name).is_some();
+    let (calibrated, uncalibrated): (Vec<&str>, Vec<&str>) =
+        library.known().map(|object| object.manifest.name.as_str()).partition(is_calibrated);
+    for name in uncalibrated {
+        tracing::warn!("{name} is not served: it is not calibrated (`posed calibrate {name}`)");
+    }
+    tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
+}

@@ -1,0 +1,11 @@
+//! The commands of the real program: what they do, and what they say when something is wrong.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
+mod calibrate;
+mod estimate;
+mod refusals;
+mod settings;
+#[path = "../support/mod.rs"]
+mod support;
+
+const SCENE: &str = "tests/data/scene";

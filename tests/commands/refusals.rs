@@ -1,0 +1,97 @@
+//! What `posed serve` refuses to start with.
+
+use std::fs;
+use std::net::TcpListener;
+
+use serde_json::Value;
+
+use crate::support::{FREE_PORTS, copy_of, explanation, posed, refuses_to_serve, root, run};
+
+#[test]
+fn damaged_models_are_named() {
+    let damage = |file: &str, change: &dyn Fn(&mut Vec<u8>), words: &str| {
+        let models = copy_of("models");
+        let path = models.path().join(file);
+        let mut bytes = fs::read(&path).unwrap();
+        change(&mut bytes);
+        fs::write(&path, bytes).unwrap();
+        refuses_to_serve(&["--models", models.path().to_str().unwrap()], words);
+    };
+    damage("cube/keypoints.onnx", &|bytes| bytes[1000] ^= 0xFF, "sha256");
+    damage("detector/detector.onnx", &|bytes| bytes.truncate(5000), "sha256");
+    damage("cube/object.json", &|bytes| bytes.truncate(60), "cube/object.json");
+    let replace = |from: &'static str, to: &'static str| {
+        move |bytes: &mut Vec<u8>| *bytes = String::from_utf8_lossy(bytes).replace(from, to).into_bytes()
+    };
+    damage("cube/object.json", &replace("\"crop_scale\": 1.5", "\"crop_scale\": 1e9"), "'crop_scale'");
+    damage("cube/object.json", &replace("\"name\": \"cube\"", "\"name\": \"../cube\""), "'name'");
+    damage("cube/object.json", &replace("\"obj_id\"", "\"id\""), "`id`");
+    let sheared = "\"symmetries_discrete\": [[1,1,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]], \"crop_scale\"";
+    damage("cube/object.json", &replace("\"crop_scale\"", sheared), "'symmetries_discrete'");
+    damage("detector/detector.json", &replace("end2end", "yolov99"), "yolov99");
+    // Formats cannot be told apart by the file: the warm-up finds a wrong one before anybody waits.
+    damage("detector/detector.json", &replace("end2end", "yolov8"), "has shape");
+    damage("cube/object.json", &replace("\"kind\": \"keypoints\"", "\"kind\": \"heatmaps\""), "has shape");
+}
+
+#[test]
+fn a_file_that_is_no_network_is_named() {
+    let models = copy_of("models");
+    let network = models.path().join("cube/keypoints.onnx");
+    fs::write(&network, b"this is not a network").unwrap();
+    let manifest = models.path().join("cube/object.json");
+    let mut json: Value = serde_json::from_slice(&fs::read(&manifest).unwrap()).unwrap();
+    // sha256 of the text above, so that the check of the hash passes.
+    json["model_sha256"] = "c7b0c3ac7fbf1d2cc8ba2e4cd5d2d0ff6ef3a8b2b8f2f8f3c9a8e3a4d5b6c7d8".into();
+    fs::write(&manifest, json.to_string()).unwrap();
+    let folder = models.path().to_str().unwrap();
+    let said = explanation(&run(&[&["serve"], &FREE_PORTS[..], &["--models", folder]].concat()));
+    let found = said.split("has sha256 ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
+    json["model_sha256"] = found.into();
+    fs::write(&manifest, json.to_string()).unwrap();
+    let none = tempfile::tempdir().unwrap();
+    refuses_to_serve(&["--models", folder, "--reference", none.path().to_str().unwrap()], "cannot load this network");
+}
+
+#[test]
+fn missing_models_are_named() {
+    refuses_to_serve(&["--models", "nowhere"], "nowhere/detector/detector.json");
+    let models = copy_of("models");
+    fs::remove_file(models.path().join("cube/keypoints.onnx")).unwrap();
+    refuses_to_serve(&["--models", models.path().to_str().unwrap()], "cube/keypoints.onnx");
+}
+
+#[test]
+fn a_reference_for_another_model_is_refused() {
+    let reference = copy_of("reference");
+    let path = reference.path().join("cube.json");
+    let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    json["keypoint_model_sha256"] = "0".repeat(64).into();
+    fs::write(&path, json.to_string()).unwrap();
+    refuses_to_serve(&["--reference", reference.path().to_str().unwrap()], "posed calibrate cube");
+}
+
+#[test]
+fn a_port_in_use_is_named() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for flag in ["--http", "--grpc", "--admin"] {
+        let ports: Vec<&str> = ["--http", "--grpc", "--admin"]
+            .into_iter()
+            .flat_map(|port| [port, if port == flag { &address } else { "127.0.0.1:0" }])
+            .collect();
+        let said = explanation(&run(&[&["serve"], &ports[..]].concat()));
+        assert!(said.contains(&address) && said.contains(flag), "{said}");
+    }
+}
+
+#[test]
+fn a_missing_runtime_is_explained() {
+    let output =
+        posed(&["serve"]).args(FREE_PORTS).env("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so").output().unwrap();
+    let said = explanation(&output);
+    assert!(said.contains("/nowhere/libonnxruntime.so") && said.contains("make onnxruntime"), "{said}");
+    let wrong = root().join("Cargo.toml");
+    let output = posed(&["serve"]).args(FREE_PORTS).env("ORT_DYLIB_PATH", wrong).output().unwrap();
+    assert!(explanation(&output).contains("not a usable ONNX Runtime library"));
+}
