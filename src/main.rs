@@ -3,7 +3,13 @@
 
 use std::process::ExitCode;
 
+use mimalloc::MiMalloc;
+
 use posed::commands::Cli;
+
+/// Gives large bodies and images back to the system once they are gone; glibc keeps them after the first few.
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 fn main() -> ExitCode {
     match Cli::read().and_then(Cli::run) {

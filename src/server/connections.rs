@@ -83,7 +83,7 @@ impl Listener {
                 () = &mut stop => break,
             };
             let Some((stream, place)) = accepted else { continue };
-            let Some(io) = prepare(stream, limits) else { continue };
+            let Some(io) = prepare(stream, protocol, limits) else { continue };
             let (builder, router, watcher) = (Arc::clone(&builder), router.clone(), open.watcher());
             tokio::spawn(async move {
                 let service = TowerToHyperService::new(router);
@@ -120,7 +120,7 @@ async fn accept(
 type Io = std::pin::Pin<Box<TimeoutStream<TcpStream>>>;
 
 /// `None` where the client has gone already.
-fn prepare(stream: TcpStream, limits: ConnectionLimits) -> Option<Io> {
+fn prepare(stream: TcpStream, protocol: Protocol, limits: ConnectionLimits) -> Option<Io> {
     // Answers are written whole: nothing is won by waiting for more.
     stream.set_nodelay(true).ok()?;
     // Systems count these in whole seconds.
@@ -129,6 +129,10 @@ fn prepare(stream: TcpStream, limits: ConnectionLimits) -> Option<Io> {
     SockRef::from(&stream).set_tcp_keepalive(&keepalive).ok()?;
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write));
+    if protocol == Protocol::Http2 {
+        // Whoever is there answers pings; whoever says nothing at all, not even hello, is not.
+        stream.set_read_timeout(Some(2 * limits.idle));
+    }
     Some(Box::pin(stream))
 }
 

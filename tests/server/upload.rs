@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use posed::proto::ListObjectsRequest;
+use posed::proto::pose_service_client::PoseServiceClient;
 use serde_json::Value;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
@@ -130,5 +132,7 @@ async fn silent_connections_make_room() {
     // Operators have a port of their own.
     assert_eq!(reqwest::get(server.admin_url("/readyz")).await.unwrap().status(), 200);
     assert_still_works(&server).await;
+    let mut grpc = PoseServiceClient::connect(format!("http://{}", server.grpc)).await.unwrap();
+    assert!(!grpc.list_objects(ListObjectsRequest {}).await.unwrap().into_inner().objects.is_empty());
     assert!(!rest(half).await.contains("200"));
 }

@@ -83,6 +83,10 @@ impl Unread {
         Self { finished: Arc::default(), waits: Arc::new(AtomicBool::new(waits)) }
     }
 
+    fn finish(&self) {
+        self.finished.store(true, Ordering::Relaxed);
+    }
+
     fn is_unread(&self) -> bool {
         !self.finished.load(Ordering::Relaxed)
     }
@@ -126,7 +130,10 @@ impl HttpBody for Upload {
                 Poll::Ready(Some(self.count(&frame).map(|()| frame)))
             }
             Poll::Ready(Some(Err(error))) => Poll::Ready(Some(Err(UploadError::Broken(error)))),
-            Poll::Ready(None) => Poll::Ready(None),
+            Poll::Ready(None) => {
+                self.unread.finish();
+                Poll::Ready(None)
+            }
             Poll::Pending => {
                 let timeout = self.timeout;
                 let stall = self.stall.get_or_insert_with(|| Stall::new(timeout));
@@ -147,8 +154,9 @@ impl HttpBody for Upload {
 impl Drop for Upload {
     fn drop(&mut self) {
         if self.body.is_end_stream() {
-            self.unread.finished.store(true, Ordering::Relaxed);
-        } else if !self.unread.waits.load(Ordering::Relaxed) {
+            self.unread.finish();
+        }
+        if self.unread.is_unread() && !self.unread.waits.load(Ordering::Relaxed) {
             drain(std::mem::take(&mut self.body), self.limit, self.timeout);
         }
     }
