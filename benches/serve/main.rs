@@ -52,9 +52,12 @@ async fn measure() {
         alone_ms.extend(latencies);
         stages.extend(timings);
     }
+    // The clients were there for half a minute and more, in all rounds together.
+    let rss_busy = server.rss_mib();
     let capacity = median(&rates);
     let over = overload(&server, &image, 2.0 * capacity, OVERLOAD).await;
-    let report = Report { starts, idle, rss_start, bare_ms, alone_ms, stages, bare_rates, rates, over, answer };
+    let report =
+        Report { starts, idle, rss_start, rss_busy, bare_ms, alone_ms, stages, bare_rates, rates, over, answer };
     let text = report.text();
     print!("{text}");
     if let Some(path) = std::env::var_os("POSED_BENCH_OUT") {
@@ -79,6 +82,7 @@ struct Report {
     starts: Vec<f64>,
     idle: f64,
     rss_start: f64,
+    rss_busy: f64,
     bare_ms: Vec<f64>,
     alone_ms: Vec<f64>,
     stages: Vec<Value>,
@@ -118,6 +122,8 @@ impl Report {
         line(&mut text, "start to ready, s", format!("{:.2}", median(&self.starts)));
         line(&mut text, "idle, % of a core", format!("{:.2}", self.idle));
         line(&mut text, "resident memory after the first answer, MiB", format!("{:.0}", self.rss_start));
+        let clients = format!("resident memory after {CLIENTS} clients for {} s, MiB", ROUNDS as u64 * ROUND.as_secs());
+        line(&mut text, &clients, format!("**{:.0}**", self.rss_busy));
         let over = &self.over;
         let goodput = over.answered as f64 / OVERLOAD.as_secs_f64();
         writeln!(

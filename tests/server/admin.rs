@@ -85,6 +85,21 @@ async fn metrics_count_requests_objects_and_stages() {
 }
 
 #[tokio::test]
+async fn the_status_tells_of_the_last_minute() {
+    let server = Server::start(&["--queue", "3"]);
+    post(&server, CAMERA, read(&samples()[0].file)).await;
+    post(&server, CAMERA, b"no image".to_vec()).await;
+    let status = json(reqwest::get(server.url("/v1/status")).await.unwrap()).await;
+    assert_eq!((&status["ready"], &status["queue"]["max_images"]), (&true.into(), &3.into()));
+    let outcomes = serde_json::json!({"ok": 1, "unsupported_format": 1});
+    assert_eq!(status["last_minute"]["outcomes"], outcomes);
+    assert!(status["last_minute"]["latency_ms"]["p50"].as_f64().unwrap() > 0.0);
+    assert_eq!((&status["models"]["provider"], &status["workers"]["ready"]), (&"cpu".into(), &1.into()));
+    let memory = |field: &str| status["memory"][field].as_u64().unwrap();
+    assert!(memory("resident_bytes") > 0 && memory("resident_bytes") < memory("bound_bytes"));
+}
+
+#[tokio::test]
 async fn the_log_level_changes_at_run_time() {
     let server = Server::start(&[]);
     let set = async |filter: &'static str| {

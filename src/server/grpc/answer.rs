@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::estimator::BodyLease;
 use crate::proto;
 use crate::server::api::proto::{image, request, response};
-use crate::server::service::{Failure, PoseWork, Service};
+use crate::server::service::{Answered, Failure, PoseWork, Service};
 
 pub(super) async fn estimate(
     service: &Service,
@@ -23,6 +23,6 @@ pub(super) async fn estimate(
 pub(super) fn observe<T>(service: &Service, route: &str, answer: &Result<T, Failure>, start: Instant) {
     let outcome = answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok");
     let duration = start.elapsed();
-    service.answered("grpc", route, outcome, duration);
+    service.answered(&Answered { protocol: "grpc", route, for_poses: true, outcome, duration });
     tracing::info!(outcome, ms = duration.as_millis());
 }

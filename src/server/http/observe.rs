@@ -9,7 +9,7 @@ use axum::response::Response;
 use tracing::Instrument as _;
 
 use crate::server::observe::span;
-use crate::server::service::{FailureKind, Service};
+use crate::server::service::{Answered, FailureKind, Service};
 
 pub(super) async fn observe(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
     let start = Instant::now();
@@ -19,7 +19,8 @@ pub(super) async fn observe(State(service): State<Arc<Service>>, request: Reques
     let response = next.run(request).instrument(span.clone()).await;
     let duration = start.elapsed();
     let outcome = response.extensions().get::<FailureKind>().map_or("ok", |kind| kind.name());
-    service.answered("http", &route, outcome, duration);
+    let for_poses = route.starts_with("/v1/poses");
+    service.answered(&Answered { protocol: "http", route: &route, for_poses, outcome, duration });
     tracing::info!(parent: &span, status = response.status().as_u16(), outcome, ms = duration.as_millis());
     response
 }

@@ -22,5 +22,5 @@ pub(crate) use options::{CameraChoice, Options, PoseRequest};
 pub(crate) use readiness::Readiness;
 pub(crate) use recalibrate::{KnownView, Recalibration};
 pub(crate) use recent::Latency;
-pub(crate) use state::{LoadFailure, Service};
+pub(crate) use state::{Answered, LoadFailure, Service};
 pub(crate) use status::StatusSnapshot;

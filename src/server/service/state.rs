@@ -29,6 +29,18 @@ pub(crate) struct Service {
     pub(super) recalibration: Option<tokio::sync::Mutex<()>>,
 }
 
+/// A request at its end.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Answered<'a> {
+    pub protocol: &'static str,
+    pub route: &'a str,
+    /// Whether it asked for poses, and so is part of what `/v1/status` tells of the last minute.
+    pub for_poses: bool,
+    /// `ok`, or a failure's name.
+    pub outcome: &'static str,
+    pub duration: Duration,
+}
+
 /// Why there is nothing to serve.
 #[derive(Debug, Error)]
 pub(crate) enum LoadFailure {
@@ -86,9 +98,12 @@ impl Service {
     }
 
     /// One more request is answered.
-    pub(crate) fn answered(&self, protocol: &'static str, route: &str, outcome: &'static str, duration: Duration) {
+    pub(crate) fn answered(&self, request: &Answered<'_>) {
+        let Answered { protocol, route, for_poses, outcome, duration } = *request;
         self.metrics.request(protocol, route, outcome, duration);
-        self.recent.add(outcome, duration);
+        if for_poses {
+            self.recent.add(outcome, duration);
+        }
     }
 }
 

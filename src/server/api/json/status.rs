@@ -41,7 +41,7 @@ struct WorkersReport {
     restarts: u64,
 }
 
-/// Requests on every protocol.
+/// Requests for poses, on every protocol.
 #[derive(Serialize, ToSchema)]
 struct LastMinuteReport {
     /// `ok`, or an error's code.
