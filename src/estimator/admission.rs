@@ -1,7 +1,7 @@
 //! Room for what comes: asked for before memory is taken, given back when it is.
 //!
 //! Three budgets bound what all callers together can make the process hold: images from the moment they are whole until
-//! they are answered, bytes of bodies from their announcement until they are decoded, and bytes of pixels from an image's
+//! they are answered, bytes of bodies from their announcement until nobody holds them any more, and bytes of pixels from an image's
 //! header until its answer has left.
 
 use std::sync::Arc;
@@ -84,7 +84,7 @@ impl Drop for Place {
     }
 }
 
-/// The bytes of one body, from its announcement until its images are decoded.
+/// The bytes of one body. Decoding gives them back, unless somebody else holds them until the answer has left.
 #[derive(Debug)]
 pub struct BodyLease {
     admission: Admission,

@@ -50,7 +50,7 @@ impl Decoders {
 
     /// Decodes one image, in its turn. Dropping the future takes the image out, but for a decoder that has begun.
     ///
-    /// `body` is the room of the image's bytes, given back once they are decoded.
+    /// `body` is the room of the image's bytes, let go once they are decoded.
     pub(super) async fn decode(
         &self,
         image: Image,

@@ -75,7 +75,7 @@ pub struct Config {
     #[arg(long, env = "POSED_QUEUE", help_heading = LIMITS)]
     #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=65_536))]
     pub queue: usize,
-    /// Bytes of bodies, from their announcement until their images are decoded.
+    /// Bytes of bodies, from their announcement until they are answered.
     #[arg(long, env = "POSED_QUEUE_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 134_217_728, value_parser = whole::<usize>(1024..=1 << 40))]
     pub queue_bytes: usize,

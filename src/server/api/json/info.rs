@@ -63,7 +63,7 @@ pub(crate) struct LimitsReport {
     max_batch_images: usize,
     /// Images in work or waiting.
     queue: usize,
-    /// Bytes of bodies that are held until their images are decoded.
+    /// Bytes of bodies, from their announcement until they are answered.
     queue_bytes: usize,
     /// Bytes of decoded images, and of decoding.
     pixel_bytes: usize,
