@@ -18,22 +18,23 @@ use posed_core::geometry::{Camera, Pose};
 #[command(group = ArgGroup::new("source").required(true))]
 #[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Calibrate {
-    /// Name of the object: its folder in the models folder.
+    /// Name of the object. It has a folder in the models folder.
     object: String,
-    /// BOP scene folder (with scene_gt.json, scene_gt_info.json, scene_camera.json, rgb/) that holds the reference images.
+    /// BOP scene folder with the reference images (scene_gt.json, scene_gt_info.json, scene_camera.json, rgb/).
     #[arg(long, value_name = "DIR", group = "source", requires = "images")]
     scene: Option<PathBuf>,
-    /// A reference image's number in the scene; several make the offset more exact, best from different sides.
+    /// Number of a reference image in the scene. Repeat it for a more accurate offset, best with views from other sides.
     #[arg(long = "image", value_name = "ID", requires = "scene")]
     images: Vec<u32>,
-    /// Reference images with known poses: a JSON list of {image, camera, camera_from_object, box_px}; paths start at the file.
+    /// Reference images with known poses: a JSON list of {image, camera, camera_from_object, box_px}. Paths are relative
+    /// to this file.
     #[arg(long, value_name = "FILE.json", group = "source")]
     references: Option<PathBuf>,
     /// Two images with a known relative pose and points clicked in both: JSON {image, first_camera, second_camera,
     /// second_from_first, clicks: [{first_px, second_px}], frame: {origin, on_x, in_xy}, box_px}.
     #[arg(long, value_name = "FILE.json", group = "source")]
     clicks: Option<PathBuf>,
-    /// How several references become one offset.
+    /// How to average several references.
     #[arg(long, value_enum, default_value_t)]
     mode: ModeChoice,
     #[command(flatten)]
@@ -43,9 +44,9 @@ pub(super) struct Calibrate {
 /// [`Mode`] as an option.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum ModeChoice {
-    /// Algorithm 1 of the paper as printed: the plain mean of the references that agree.
+    /// Algorithm 1 of the paper as printed: the mean of the references that agree.
     Paper,
-    /// The same consensus, each reference weighted by what its view knows.
+    /// The same consensus, with each reference weighted by the information in its view.
     #[default]
     Weighted,
 }
@@ -150,7 +151,7 @@ impl Calibrate {
             let file: ClicksFile = read_json(path)?;
             Ok(vec![file.known(path).map_err(|error| format!("{}: {error}", path.display()))?])
         } else {
-            Err("no references: give --scene, --references or --clicks".into())
+            Err("no references; give --scene, --references or --clicks".into())
         }
     }
 
@@ -202,8 +203,8 @@ fn print_weak_axis(offset: &Offset) {
     if sigmas[weakest] > WEAK_AXIS * best {
         let axis = eigen.eigenvectors.column(weakest);
         println!(
-            "weakest along ({:.2}, {:.2}, {:.2}) of the object's frame: {:.1} mm, against {best:.1} mm at best; add a view \
-             from the side, looking across that direction",
+            "least certain along ({:.2}, {:.2}, {:.2}) of the object's frame: {:.1} mm, {best:.1} mm along the best axis; \
+             add a view from the side, across that direction",
             axis[0], axis[1], axis[2], sigmas[weakest]
         );
     }
@@ -266,9 +267,9 @@ fn find<'a>(objects: &'a [GroundTruth], model: &ObjectModel) -> Result<&'a Groun
     let mut matching = objects.iter().filter(|truth| truth.obj_id == obj_id);
     match (matching.next(), matching.next()) {
         (Some(truth), None) if truth.bounding_box.extent() >= 16.0 => Ok(truth),
-        (Some(_), None) => Err(format!("object {obj_id} ({name}) is not visible")),
-        (Some(_), Some(_)) => Err(format!("object {obj_id} ({name}) is there more than once")),
-        (None, _) => Err(format!("object {obj_id} ({name}) is not there")),
+        (Some(_), None) => Err(format!("object {obj_id} ({name}) is hardly visible; choose another image")),
+        (Some(_), Some(_)) => Err(format!("object {obj_id} ({name}) appears more than once; choose another image")),
+        (None, _) => Err(format!("object {obj_id} ({name}) is not in this image; choose another image")),
     }
 }
 

@@ -14,7 +14,7 @@ use posed_core::geometry::{Camera, Pose};
 
 #[derive(Args, Debug)]
 pub(super) struct Check {
-    /// Folder with images, `poses.json` (the objects in each image) and one `*.camera.json`.
+    /// Folder with images, their known poses (`poses.json`) and one `*.camera.json`.
     #[arg(long, default_value = "samples")]
     samples: PathBuf,
     #[command(flatten)]
@@ -38,14 +38,13 @@ impl Check {
         let (mut estimator, library) = self.models.estimator(&runtime)?;
         estimator.warm_up()?;
         println!("provider {}\n", self.models.provider);
-        println!("{:<12} {:<64} against the trainer", "model", "sha256");
+        println!("{:<12} {:<64} difference to the trainer", "model", "sha256");
         println!("{:<12} {}", "detector", library.detector.manifest.model_sha256);
         let mut differs = Vec::new();
         for object in library.known() {
             let manifest = &object.manifest;
             let parity = Parity::measure(&self.models.models, object, &runtime)?;
-            let text =
-                parity.map_or("unknown".into(), |p| format!("{:.4} px (at most {})", p.worst_px, p.tolerance_px));
+            let text = parity.map_or("unknown".into(), |p| format!("{:.4} px (limit {})", p.worst_px, p.tolerance_px));
             println!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
             differs.extend(parity.filter(|parity| !parity.holds()).map(|_| manifest.name.as_str()));
         }
@@ -60,7 +59,7 @@ impl Check {
             let found = find(&mut estimator, &image, &camera)?;
             for known in known {
                 let object = library.object(&known.object);
-                let object = object.ok_or_else(|| format!("{file}: no model of {:?}", known.object))?;
+                let object = object.ok_or_else(|| format!("{file}: object {:?} has no model", known.object))?;
                 poses += 1;
                 wrong += usize::from(!report(file, object, known, &found)?);
             }
@@ -71,7 +70,7 @@ impl Check {
         }
         if !differs.is_empty() {
             return Err(format!(
-                "networks that say something else than where they were trained: {}",
+                "networks with other outputs than in the trainer: {}; export them again, or check ONNX Runtime",
                 differs.join(", ")
             )
             .into());
@@ -122,6 +121,6 @@ fn the_only_camera(folder: &Path) -> Result<Camera, Box<dyn Error>> {
     let cameras: Vec<PathBuf> = paths.filter(|path| path.to_string_lossy().ends_with(".camera.json")).collect();
     match &cameras[..] {
         [camera] => Ok(read_json(camera)?),
-        others => Err(format!("{}: {} files *.camera.json; one is needed", folder.display(), others.len()).into()),
+        others => Err(format!("{}: {} files *.camera.json; keep exactly one", folder.display(), others.len()).into()),
     }
 }

@@ -5,6 +5,7 @@ use clap_complete::Shell;
 
 #[derive(Args, Debug)]
 pub(super) struct Completions {
+    /// Shell to print the script for.
     #[arg(value_enum)]
     shell: Shell,
 }

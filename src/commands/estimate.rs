@@ -17,24 +17,24 @@ use posed_core::geometry::Camera;
 #[derive(Args, Debug)]
 #[expect(clippy::doc_markdown, reason = "the comments are the help text")]
 pub(super) struct Estimate {
-    /// JPEG, PNG or WebP images; with --raw, files of pixels.
+    /// Image files: JPEG, PNG or WebP, or raw frames with --raw.
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// Camera that took the images (`*.camera.json`).
+    /// File of the camera that took the images (`*.camera.json`).
     #[arg(long)]
     camera: PathBuf,
-    /// The files are raw frames of this layout, as camera drivers give them: an encoding of ROS (rgb8, bgr8, rgba8, bgra8,
-    /// mono8, bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, nv12, yuv422_yuy2), the size in pixels, and the bytes from one
-    /// row to the next where rows are padded, for example bgr8:1280x720.
+    /// Layout of raw frames, for example bgr8:1280x720. ENCODING is the name in ROS: rgb8, bgr8, rgba8, bgra8, mono8,
+    /// bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, nv12 or yuv422_yuy2. STEP is the number of bytes from one row
+    /// to the next; add it if rows have padding.
     #[arg(long, value_name = "ENCODING:WIDTHxHEIGHT[:STEP]")]
     raw: Option<RawLayout>,
-    /// Print the whole answers as JSON instead of tables; one line for each of several images.
+    /// Print the answers as JSON instead of tables. Several images get one line each.
     #[arg(long)]
     json: bool,
-    /// Write the image with boxes and axes drawn into it; of several images, into this folder.
+    /// Write the image with boxes and axes to this file. For several images, this is a folder.
     #[arg(long, value_name = "OUT.png")]
     overlay: Option<PathBuf>,
-    /// What to do with an image that asks to be turned.
+    /// How to treat an image with an EXIF orientation.
     #[arg(long, value_enum, default_value_t)]
     exif_orientation: OrientationPolicy,
     #[command(flatten)]

@@ -19,22 +19,22 @@ const SAME_PLACE_OVERLAP: f64 = 0.5;
 
 #[derive(Args, Debug)]
 pub(super) struct Evaluate {
-    /// Names of the objects: their folders in the models folder.
+    /// Names of the objects. Each has a folder in the models folder.
     #[arg(required = true)]
     objects: Vec<String>,
-    /// BOP split: a folder of scene folders with ground truth.
+    /// BOP split: a folder with scene folders and their ground truth.
     #[arg(long, value_name = "DIR")]
     split: PathBuf,
-    /// BOP models folder: meshes and `models_info.json`, for scores only.
+    /// BOP models folder: meshes and `models_info.json`. Only the scores need it.
     #[arg(long, value_name = "DIR")]
     meshes: PathBuf,
-    /// Views that show less of the object than this share are left out.
+    /// Minimum visible fraction of the object in a view.
     #[arg(long, default_value_t = 0.7)]
     min_visible: f64,
-    /// Views that show more of it are left out.
+    /// Maximum visible fraction of the object in a view.
     #[arg(long, default_value_t = 1.0)]
     max_visible: f64,
-    /// Boxes of the detector instead of those of the ground truth; a view without a pose counts as wrong.
+    /// Use the boxes of the detector instead of the ground truth. A view without a pose counts as wrong.
     #[arg(long)]
     detector: bool,
     #[command(flatten)]
@@ -59,7 +59,8 @@ impl Evaluate {
                 self.errors(&model, &mesh, |image, camera, truth| detected(estimator, image, camera, name, truth))?
             } else {
                 let reference = References::read(&self.models.reference, &model)?;
-                let reference = reference.ok_or_else(|| format!("{name} is not calibrated"))?;
+                let reference = reference
+                    .ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?;
                 let mut solver = KeypointSolver::new(&model, &runtime)?;
                 self.errors(&model, &mesh, |image, camera, truth| {
                     within_box(&mut solver, &reference.offset, image, camera, &truth.bounding_box)
@@ -102,7 +103,12 @@ impl Evaluate {
             }
         }
         if errors.is_empty() {
-            return Err(format!("{}: no view of {}", self.split.display(), model.manifest.name).into());
+            return Err(format!(
+                "{}: no view of {} lies within --min-visible and --max-visible",
+                self.split.display(),
+                model.manifest.name
+            )
+            .into());
         }
         Ok(errors)
     }

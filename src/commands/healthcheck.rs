@@ -6,7 +6,7 @@ use ureq::Agent;
 
 #[derive(Args, Debug)]
 pub(super) struct Healthcheck {
-    /// The server's admin port on this machine, or its whole address.
+    /// Admin address of the server.
     #[arg(long, env = "POSED_ADMIN", default_value = "127.0.0.1:8081")]
     admin: String,
 }
@@ -19,10 +19,9 @@ impl Healthcheck {
         let address = self.admin.replace("0.0.0.0", "127.0.0.1").replace("[::]", "[::1]");
         let agent: Agent =
             Agent::config_builder().timeout_global(Some(TIMEOUT)).http_status_as_error(false).build().into();
-        let mut response = agent
-            .get(format!("http://{address}/readyz"))
-            .call()
-            .map_err(|error| format!("no answer from {address}: {error}"))?;
+        let mut response = agent.get(format!("http://{address}/readyz")).call().map_err(|error| {
+            format!("no answer from {address}: {error}; is the server running, and is this its admin address?")
+        })?;
         let body = response.body_mut().read_to_string().unwrap_or_default();
         if response.status().is_success() { Ok(()) } else { Err(format!("not ready: {}", body.trim()).into()) }
     }

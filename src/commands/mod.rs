@@ -15,9 +15,9 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::server::{LogFormat, SettingsFile, init_logs};
 
-/// Answers an RGB image with the 6D poses of known rigid objects.
+/// Estimates the 6D poses of known rigid objects in RGB images.
 ///
-/// Exit codes: 0 done; 1 failed, with one line on stderr that says why; 2 wrong usage.
+/// Exit codes: 0 success; 1 failure, with the reason in one line on stderr; 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(name = "posed", version)]
 pub struct Cli {
@@ -27,28 +27,28 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serve poses over HTTP and gRPC.
+    /// Run the server (HTTP and gRPC).
     Serve(serve::Serve),
-    /// Estimate poses in images, without a server.
+    /// Estimate poses in image files, without a server.
     Estimate(estimate::Estimate),
-    /// Measure an object's offset on reference images.
+    /// Calibrate an object: measure its offset in reference images.
     Calibrate(calibrate::Calibrate),
-    /// Load everything, estimate the samples, compare with their known poses.
+    /// Check an installation: load all models, and compare the poses in the samples with the known ones.
     Check(check::Check),
-    /// Score objects on a BOP dataset.
+    /// Evaluate the accuracy of objects on a BOP dataset.
     Evaluate(evaluate::Evaluate),
-    /// Ask a running server whether it is ready: for containers without a shell.
+    /// Check that a running server is ready. For containers without a shell.
     Healthcheck(healthcheck::Healthcheck),
-    /// Print a completion script for a shell.
+    /// Print a shell completion script.
     Completions(completions::Completions),
 }
 
 impl Cli {
-    /// Reads the command line and the environment. A file of settings that they name stands in for the defaults, for which
-    /// they are read a second time. Leaves the program where they cannot be understood, or ask for help.
+    /// Reads the command line and the environment. If they name a settings file, reads them a second time with the file
+    /// in place of the defaults. Exits if they are invalid or ask for help.
     ///
     /// # Errors
-    /// When the file is none of settings.
+    /// When the settings file cannot be used.
     pub fn read() -> Result<Self, Box<dyn Error>> {
         let cli = Self::parse();
         let Command::Serve(serve::Serve { config: Some(path), print_config: false, .. }) = &cli.command else {
@@ -59,10 +59,10 @@ impl Cli {
         Ok(Self::from_arg_matches(&command.get_matches())?)
     }
 
-    /// Runs the chosen sub-command to its end.
+    /// Runs the chosen sub-command.
     ///
     /// # Errors
-    /// Whatever stopped it, in words for its user.
+    /// The reason why it failed, for its user.
     pub fn run(self) -> Result<(), Box<dyn Error>> {
         if !matches!(self.command, Command::Serve(_)) {
             // A server's logs are part of its settings.

@@ -6,19 +6,19 @@ use clap::Args;
 use crate::estimator::Estimator;
 use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
 
-/// Where models lie and how they run.
+/// Where the models are and how they run.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ModelArgs {
     /// Folder with `detector/` and one folder for each object.
     #[arg(long, env = "POSED_MODELS", default_value = "models")]
     pub(super) models: PathBuf,
-    /// Folder with `<object>.json` for each calibrated object.
+    /// Folder with the reference `<object>.json` of each calibrated object.
     #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
     pub(super) reference: PathBuf,
-    /// What the networks run on.
+    /// Execution provider of the networks.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
     pub(super) provider: Provider,
-    /// Threads that a network runs on [default: the cores this process may use].
+    /// Threads for each network [default: the available cores].
     #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
 }

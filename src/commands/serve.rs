@@ -7,10 +7,10 @@ use crate::server::{self, Config, init_logs};
 
 #[derive(Args, Debug)]
 pub(super) struct Serve {
-    /// File of settings; flags and POSED_... variables win over it.
+    /// Settings file. Flags and POSED_... variables take precedence over it.
     #[arg(long, env = "POSED_CONFIG", value_name = "posed.toml")]
     pub(super) config: Option<PathBuf>,
-    /// Print the default settings, with comments, and exit.
+    /// Print a settings file with the defaults and comments, and exit.
     #[arg(long)]
     pub(super) print_config: bool,
     #[command(flatten)]

@@ -32,9 +32,9 @@ impl Room {
 /// There is no room now.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum Refusal {
-    #[error("{limit} images are waiting already ('queue'); try again in a moment")]
+    #[error("the queue is full: {limit} images are waiting or in progress ('queue'); retry later")]
     Images { limit: usize },
-    #[error("{limit} bytes of images are waiting already ('queue_bytes'); try again in a moment")]
+    #[error("no room for the body: all bodies together are limited to {limit} bytes ('queue_bytes'); retry later")]
     Bytes { limit: usize },
 }
 

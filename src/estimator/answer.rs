@@ -26,9 +26,9 @@ pub enum EstimateError {
 /// Nobody waits for the answer any more.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum Abandoned {
-    #[error("the request's time is over; give it more, or send fewer at once")]
+    #[error("the time limit of the request expired; raise it, or send fewer requests at once")]
     Expired,
-    #[error("the caller has gone")]
+    #[error("the caller has disconnected")]
     Cancelled,
 }
 
@@ -39,18 +39,20 @@ pub enum MeasureError {
     Estimate(#[from] EstimateError),
     #[error(transparent)]
     Solve(#[from] PnpError),
-    #[error("there is no object {0:?}")]
+    #[error("unknown object {0:?}")]
     UnknownObject(String),
-    #[error("the detector does not see the object; state its box ('box_px'), or choose an image that shows it better")]
+    #[error("the detector does not find the object; set its box ('box_px'), or choose an image that shows it better")]
     NotSeen,
-    #[error("the detector sees the object more than once; state the box ('box_px') of the one whose pose is known")]
+    #[error("the detector finds the object more than once; set the box ('box_px') of the one whose pose is known")]
     SeveralSeen,
     #[error(
-        "only {agreeing} of {keypoints} keypoints agree in this image; choose one that shows the object larger and \
+        "only {agreeing} of {keypoints} keypoints agree in this image; choose an image that shows the object larger and \
          unoccluded"
     )]
     FewInliers { agreeing: usize, keypoints: usize },
-    #[error("the pose in this image is doubtful ({reasons}); choose one that shows the object larger and unoccluded")]
+    #[error(
+        "the pose in this image is doubtful ({reasons}); choose an image that shows the object larger and unoccluded"
+    )]
     Doubtful { reasons: String },
 }
 

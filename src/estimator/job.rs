@@ -67,15 +67,15 @@ pub enum QueueError {
     #[error(transparent)]
     Decode(#[from] crate::vision::DecodeError),
     #[error(
-        "decoding this image may take {bytes} bytes, and all images together have {limit} ('pixel_bytes'); post it smaller, \
-         or as a JPEG or PNG"
+        "the image is too costly to decode: it can take {bytes} bytes, the limit is {limit} ('pixel_bytes'); post a smaller \
+         image, or a JPEG or PNG"
     )]
     TooCostly { bytes: u64, limit: usize },
     #[error(transparent)]
     Estimate(#[from] EstimateError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
-    #[error("the estimator failed on this image; the fault is logged")]
+    #[error("the server failed on this image; its log has the details")]
     Crashed,
 }
 

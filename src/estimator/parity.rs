@@ -25,7 +25,7 @@ pub enum ParityError {
     Manifest(#[from] ManifestError),
     #[error("{}: {source}", path.display())]
     Crops { path: PathBuf, source: image::ImageError },
-    #[error("{}: is {width}x{height} pixels; {expected} crops of {size}x{size}, one below the other, were expected", path.display())]
+    #[error("{}: the image is {width}x{height} pixels; it must have {expected} crops of {size}x{size}, one below the other", path.display())]
     Shape { path: PathBuf, width: u32, height: u32, expected: usize, size: u32 },
     #[error(transparent)]
     Runtime(#[from] RuntimeError),

@@ -15,7 +15,7 @@ use crate::vision::{DecodeError, DecodeOptions, Decoded, Exif, Image, decode, he
 pub(super) enum PrepareError {
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    #[error("more than all the room")]
+    #[error("needs more memory than all images together may use")]
     TooCostly { bytes: u64, limit: usize },
     #[error("decoding panicked")]
     Crashed,
@@ -86,7 +86,7 @@ impl Decoders {
             decode()
         });
         done.await.map_err(|error| {
-            tracing::error!(%error, "decoding an image failed; it is answered with an error");
+            tracing::error!(%error, "decoding an image panicked: it gets an error");
             PrepareError::Crashed
         })
     }

@@ -17,13 +17,13 @@ use crate::model::RuntimeError;
 /// Workers that cannot be started.
 #[derive(Debug, Error)]
 pub enum StartError {
-    #[error("the system gives no thread: {0}")]
+    #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
     #[error(transparent)]
     Network(#[from] RuntimeError),
-    #[error("the networks do not run: {0}")]
+    #[error("the networks cannot be run: {0}")]
     WarmUp(#[from] EstimateError),
-    #[error("a worker panicked while it loaded the networks")]
+    #[error("a worker failed while it loaded the networks; the log has the details")]
     Panicked,
 }
 
@@ -91,10 +91,10 @@ fn work(
         }
         stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
         Stats::count(&stats.worker_restarts);
-        tracing::error!("estimating panicked; its images are answered with an error, the networks are loaded again");
+        tracing::error!("a worker panicked: its images get an error, and it reloads its networks");
         estimator = match make() {
             Ok(estimator) => estimator,
-            Err(error) => return tracing::error!(%error, "a worker ends: its networks cannot be loaded again"),
+            Err(error) => return tracing::error!(%error, "a worker ends: it cannot reload its networks"),
         };
         stats.ready_workers.fetch_add(1, Ordering::Relaxed);
     }

@@ -20,7 +20,7 @@ pub enum BopError {
     Folder { path: PathBuf, source: std::io::Error },
     #[error("{}: no image {image_id}", path.display())]
     NoImage { path: PathBuf, image_id: u32 },
-    #[error("{}: image {image_id} is listed but there is no rgb/{image_id:06}.jpg or .png", path.display())]
+    #[error("{}: image {image_id} is listed, but rgb/{image_id:06}.jpg or .png does not exist", path.display())]
     NoPixels { path: PathBuf, image_id: u32 },
     #[error("{}: image {image_id}: {source}", path.display())]
     Camera { path: PathBuf, image_id: u32, source: CameraError },

@@ -20,7 +20,7 @@ pub enum LoadError {
     Runtime(#[from] RuntimeError),
     #[error(transparent)]
     Symmetries(#[from] SymmetryError),
-    #[error("{}: the folder is named {folder:?} but its manifest names the object {name:?}", path.display())]
+    #[error("{}: the manifest is for object {name:?}, but its folder is {folder:?}; rename one of them", path.display())]
     Name { path: PathBuf, folder: String, name: String },
     #[error("object {name:?} has no model: {} does not exist", path.display())]
     NoModel { name: String, path: PathBuf },

@@ -10,13 +10,13 @@ use super::provider::Provider;
 #[derive(Clone, Debug, Error)]
 pub enum RuntimeError {
     #[error(
-        "no ONNX Runtime library found; `make onnxruntime` puts it into .onnxruntime/, or set ORT_DYLIB_PATH to \
-         libonnxruntime.so (looked at: {})", looked_at.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
+        "no ONNX Runtime library found; run `make onnxruntime`, or set ORT_DYLIB_PATH to libonnxruntime.so \
+         (searched: {})", looked_at.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
     LibraryMissing { looked_at: Vec<PathBuf> },
-    #[error("{} is not a usable ONNX Runtime library (1.24 or newer is needed): {reason}", path.display())]
+    #[error("{} is not a usable ONNX Runtime library (1.24 or newer): {reason}", path.display())]
     Library { path: PathBuf, reason: String },
-    #[error("{name}: ONNX Runtime cannot load this network for the provider '{provider}': {reason}")]
+    #[error("{name}: ONNX Runtime cannot load this network with provider '{provider}': {reason}")]
     Load { name: String, provider: Provider, reason: String },
     #[error("{name}: the network failed: {reason}")]
     Run { name: String, reason: String },

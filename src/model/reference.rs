@@ -17,8 +17,8 @@ pub enum ReferenceError {
     #[error("{}: field '{field}' {problem}", path.display())]
     Field { path: PathBuf, field: &'static str, problem: String },
     #[error(
-        "{} was made for another keypoint model (sha256 {stated}, the model here has {found}); \
-         make a new one with `posed calibrate {object}`",
+        "{} belongs to another keypoint model (sha256 {stated}; the current one has {found}); make a new reference with \
+         `posed calibrate {object}`",
         path.display()
     )]
     OtherModel { path: PathBuf, object: String, stated: String, found: String },
@@ -126,7 +126,7 @@ impl Reference {
         }
         let invalid = |field, problem| ReferenceError::Field { path: path.into(), field, problem };
         let object_from_keypoints = Pose::try_from(&file.object_from_keypoints)
-            .map_err(|error| invalid("object_from_keypoints", format!("is no pose: {error}")))?;
+            .map_err(|error| invalid("object_from_keypoints", format!("is not a pose: {error}")))?;
         let covariance = Covariance6::from_fn(|row, column| file.covariance[row][column]);
         let symmetric = (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax();
         if !symmetric || covariance.cholesky().is_none() {

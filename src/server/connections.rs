@@ -110,7 +110,7 @@ async fn accept(
         Ok((stream, _)) => Some((stream, place)),
         Err(error) => {
             // Most often the process is out of file descriptors: others must close theirs first.
-            tracing::warn!(%error, "a connection cannot be accepted");
+            tracing::warn!(%error, "cannot accept a connection");
             tokio::time::sleep(Duration::from_millis(100)).await;
             None
         }

@@ -29,7 +29,7 @@ pub enum ServeError {
     Signal(std::io::Error),
     #[error("{0}")]
     Load(String),
-    #[error("loading the models panicked")]
+    #[error("loading the models failed; the log has the details")]
     Panicked,
     #[error("the {protocol} server cannot be built: {reason}")]
     FrontEnd { protocol: &'static str, reason: String },
@@ -41,7 +41,8 @@ impl From<LoadFailure> for ServeError {
     }
 }
 
-/// Loads the models and serves them until SIGTERM or SIGINT, then finishes what was accepted. A second signal ends at once.
+/// Loads the models and serves them until SIGTERM or SIGINT, then finishes the accepted requests. A second signal exits at
+/// once.
 ///
 /// # Errors
 /// When a port cannot be bound, a model cannot be loaded, or a server fails.
@@ -85,10 +86,10 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     // All receivers are gone only when the servers have ended already.
     let _ = stop.send(true);
     tokio::select! {
-        _ = servers.join_all() => tracing::info!("every accepted request is answered"),
-        () = signals.next() => tracing::warn!("second signal: ending at once"),
+        _ = servers.join_all() => tracing::info!("all accepted requests are answered"),
+        () = signals.next() => tracing::warn!("second signal: exiting immediately"),
         () = tokio::time::sleep(drain) => {
-            tracing::warn!("requests were still running after {drain:?} ('drain_seconds')");
+            tracing::warn!("requests are still running after {drain:?} ('drain_seconds'): exiting");
         }
     }
     Ok(())

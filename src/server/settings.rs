@@ -1,5 +1,5 @@
-//! The settings of `posed serve`. Each stands once, below: its flag, its environment variable, its line in the file, its
-//! default, its range and its explanation all follow from there.
+//! The settings of `posed serve`. Each is declared once, below. Its flag, its environment variable, its line in the
+//! file, its default, its range and its explanation all follow from the declaration.
 
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
@@ -20,123 +20,123 @@ const LIMITS: &str = "Limits";
 const TIMES: &str = "Times";
 const LOGS: &str = "Logs";
 
-/// Memory that an image of the largest size must find, for each of its pixels.
+/// Memory that the largest image must be able to use, for each of its pixels.
 const BYTES_PER_PIXEL: u64 = 16;
 
-/// What the server is told. The comments are what `--help` and `--print-config` say.
+/// The settings. Their comments are the texts of `--help` and `--print-config`.
 #[derive(Args, Clone, Debug)]
 pub struct Config {
-    /// Poses over HTTP.
+    /// Address of the HTTP API.
     #[arg(long, env = "POSED_HTTP", default_value = "0.0.0.0:8080", help_heading = LISTEN)]
     pub http: SocketAddr,
-    /// Poses over gRPC.
+    /// Address of the gRPC API.
     #[arg(long, env = "POSED_GRPC", default_value = "0.0.0.0:9000", help_heading = LISTEN)]
     pub grpc: SocketAddr,
-    /// Probes, metrics and the log level: for operators, not for clients.
+    /// Address of probes, metrics and the log level. For operators, not for clients.
     #[arg(long, env = "POSED_ADMIN", default_value = "0.0.0.0:8081", help_heading = LISTEN)]
     pub admin: SocketAddr,
     /// Folder with `detector/` and one folder for each object.
     #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
     pub models: PathBuf,
-    /// Folder with `<object>.json` for each calibrated object.
+    /// Folder with the reference `<object>.json` of each calibrated object.
     #[arg(long, env = "POSED_REFERENCE", default_value = "reference", help_heading = MODELS)]
     pub reference: PathBuf,
-    /// Folder of registered cameras: `left.camera.json` is camera `left`.
+    /// Folder of registered cameras. The file `left.camera.json` registers camera `left`.
     #[arg(long, env = "POSED_CAMERAS", help_heading = MODELS)]
     pub cameras: Option<PathBuf>,
-    /// Whether `PUT /v1/objects/{name}/reference` may replace references.
+    /// Allow clients to replace references with `PUT /v1/objects/{name}/reference`.
     #[arg(long, env = "POSED_RECALIBRATION", help_heading = MODELS)]
     #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
     pub recalibration: bool,
-    /// What to do with an image that asks to be turned (EXIF).
+    /// How to treat an image with an EXIF orientation.
     #[arg(long, env = "POSED_EXIF_ORIENTATION", value_enum, default_value_t, help_heading = MODELS)]
     pub exif_orientation: OrientationPolicy,
-    /// What the networks run on; all but cpu need an ONNX Runtime library built with it.
+    /// Execution provider of the networks. All but cpu need an ONNX Runtime library built with it.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t, help_heading = RUN)]
     pub provider: Provider,
-    /// Threads that each own a set of networks.
+    /// Number of workers. Each worker has its own networks.
     #[arg(long, env = "POSED_WORKERS", default_value_t = 1, value_parser = whole::<usize>(1..=256), help_heading = RUN)]
     pub workers: usize,
-    /// Threads that each network runs on; without it the cores this process may use, shared among the workers.
+    /// Threads for each network. Omit this to share the available cores among the workers.
     #[arg(long, env = "POSED_THREADS", value_parser = whole::<usize>(1..=256), help_heading = RUN)]
     pub threads: Option<usize>,
-    /// Images whose crops go through a keypoint net together.
+    /// Maximum number of images that a worker processes together.
     #[arg(long, env = "POSED_MAX_BATCH", help_heading = RUN)]
     #[arg(default_value_t = 8, value_parser = whole::<usize>(1..=256))]
     pub max_batch: usize,
-    /// How long such a batch waits for company, milliseconds.
+    /// Time that a worker waits for further images to process together, milliseconds.
     #[arg(long, env = "POSED_BATCH_DELAY_MS", help_heading = RUN)]
     #[arg(default_value_t = 0, value_parser = whole::<u64>(0..=1000))]
     pub batch_delay_ms: u64,
-    /// Images decoded at the same time.
+    /// Maximum number of images that are decoded at the same time.
     #[arg(long, env = "POSED_DECODERS", default_value_t = 2, value_parser = whole::<usize>(1..=64), help_heading = RUN)]
     pub decoders: usize,
-    /// Images in work or waiting; one more is refused with 429 or `RESOURCE_EXHAUSTED`.
+    /// Maximum number of images that are waiting or in progress. Further images get 429 or `RESOURCE_EXHAUSTED`.
     #[arg(long, env = "POSED_QUEUE", help_heading = LIMITS)]
     #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=65_536))]
     pub queue: usize,
-    /// Bytes of bodies, from their announcement until they are answered.
+    /// Maximum size of all request bodies together, bytes. A body counts until its answer has left.
     #[arg(long, env = "POSED_QUEUE_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 134_217_728, value_parser = whole::<usize>(1024..=1 << 40))]
     pub queue_bytes: usize,
-    /// Bytes of decoded images, from an image's header until its answer has left, and of decoding.
+    /// Maximum memory for decoded images and for decoding, bytes. An image counts until it is answered.
     #[arg(long, env = "POSED_PIXEL_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 402_653_184, value_parser = whole::<usize>(4096..=1 << 40))]
     pub pixel_bytes: usize,
-    /// Largest request body or gRPC message, bytes.
+    /// Maximum size of a request body or gRPC message, bytes.
     #[arg(long, env = "POSED_MAX_BODY_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 16_777_216, value_parser = whole::<usize>(1024..=1 << 30))]
     pub max_body_bytes: usize,
-    /// Largest width or height of an image, pixels.
+    /// Maximum width and height of an image, pixels.
     #[arg(long, env = "POSED_MAX_SIDE_PX", help_heading = LIMITS)]
     #[arg(default_value_t = DecodeOptions::default().max_side_px, value_parser = whole::<u32>(16..=u32::MAX.into()))]
     pub max_side_px: u32,
-    /// Largest image, pixels.
+    /// Maximum number of pixels of an image.
     #[arg(long, env = "POSED_MAX_PIXELS", help_heading = LIMITS)]
     #[arg(default_value_t = DecodeOptions::default().max_pixels, value_parser = whole::<u64>(256..=1 << 36))]
     pub max_pixels: u64,
-    /// Images in one request to `/v1/poses/batch`.
+    /// Maximum number of images in a request to `/v1/poses/batch`.
     #[arg(long, env = "POSED_MAX_BATCH_IMAGES", help_heading = LIMITS)]
     #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=1024))]
     pub max_batch_images: usize,
-    /// Open connections on each of the HTTP and gRPC ports; further ones wait to be accepted.
+    /// Maximum number of open connections on each of the HTTP and gRPC ports. Further connections wait.
     #[arg(long, env = "POSED_MAX_CONNECTIONS", help_heading = LIMITS)]
     #[arg(default_value_t = 256, value_parser = whole::<usize>(8..=65_536))]
     pub max_connections: usize,
-    /// Time that a request has by default, milliseconds.
+    /// Default time limit of a request, milliseconds.
     #[arg(long, env = "POSED_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 10_000, value_parser = whole::<u64>(1..=3_600_000))]
     pub timeout_ms: u64,
-    /// Time that a request may ask for, milliseconds.
+    /// Maximum time limit that a request can set, milliseconds.
     #[arg(long, env = "POSED_MAX_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 60_000, value_parser = whole::<u64>(1..=3_600_000))]
     pub max_timeout_ms: u64,
-    /// A client that sends nothing of a body for so long is cut off, milliseconds.
+    /// Maximum pause while a client sends a body, milliseconds. After it the request fails.
     #[arg(long, env = "POSED_BODY_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 3000, value_parser = whole::<u64>(100..=600_000))]
     pub body_timeout_ms: u64,
-    /// A client that takes nothing of its answer for so long is cut off, milliseconds.
+    /// Maximum pause while a client reads an answer, milliseconds. After it the connection closes.
     #[arg(long, env = "POSED_WRITE_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 10_000, value_parser = whole::<u64>(100..=600_000))]
     pub write_timeout_ms: u64,
-    /// A connection is closed when the head of its first or next request has not come after this, or a ping is not
-    /// answered, milliseconds.
+    /// Maximum time to wait for the headers of a connection's next request, or for the answer to a ping, milliseconds.
+    /// After it the connection closes.
     #[arg(long, env = "POSED_IDLE_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 30_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub idle_timeout_ms: u64,
-    /// Time that accepted requests have to finish after a shutdown signal, seconds.
+    /// Time for accepted requests to finish after a shutdown signal, seconds.
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
     #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
     pub drain_seconds: u64,
-    /// A level, or a filter such as "info,posed=debug".
+    /// Log level, or a filter such as "info,posed=debug".
     #[arg(long, env = "POSED_LOG", default_value = "info,ort=warn", help_heading = LOGS)]
     pub log: String,
-    /// How log lines look.
+    /// Format of log lines.
     #[arg(long, env = "POSED_LOG_FORMAT", value_enum, default_value_t, help_heading = LOGS)]
     pub log_format: LogFormat,
 }
 
-/// How log lines look.
+/// Format of log lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum LogFormat {
     #[default]
@@ -144,25 +144,28 @@ pub enum LogFormat {
     Json,
 }
 
-/// Settings that are possible one by one, but not together.
+/// Settings that are valid one by one, but not together.
 #[derive(Debug, Error)]
 pub enum SettingsError {
     #[error(
-        "setting 'queue_bytes' is {queue_bytes}: the largest body ('max_body_bytes', {max_body_bytes}) needs at least {least}"
+        "setting 'queue_bytes' is {queue_bytes}, but the largest body ('max_body_bytes', {max_body_bytes}) needs at least \
+         {least}; raise 'queue_bytes', or lower 'max_body_bytes'"
     )]
     QueueBytes { queue_bytes: usize, max_body_bytes: usize, least: usize },
     #[error(
-        "setting 'timeout_ms' is {timeout_ms}: more than a request may ask for ('max_timeout_ms', {max_timeout_ms})"
+        "setting 'timeout_ms' is {timeout_ms}, but the maximum is {max_timeout_ms} ('max_timeout_ms'); lower \
+         'timeout_ms', or raise 'max_timeout_ms'"
     )]
     Timeout { timeout_ms: u64, max_timeout_ms: u64 },
     #[error(
-        "setting 'pixel_bytes' is {pixel_bytes}: the largest image ('max_pixels', {max_pixels}) needs at least {least}"
+        "setting 'pixel_bytes' is {pixel_bytes}, but the largest image ('max_pixels', {max_pixels}) needs at least \
+         {least}; raise 'pixel_bytes', or lower 'max_pixels'"
     )]
     PixelBytes { pixel_bytes: usize, max_pixels: u64, least: u64 },
 }
 
 impl Config {
-    /// What no setting can know alone.
+    /// Checks settings that depend on each other.
     ///
     /// # Errors
     /// When two settings contradict each other, with both names.
@@ -182,7 +185,7 @@ impl Config {
         Ok(())
     }
 
-    /// Threads for each network: stated, or the cores (of the container, if it has a quota) shared among the workers.
+    /// Threads for each network: as set, or the cores (of the container, if it has a quota) shared among the workers.
     #[must_use]
     pub fn threads(&self) -> usize {
         self.threads.unwrap_or_else(|| (available_cores() / self.workers).max(1))
@@ -204,7 +207,7 @@ impl Config {
     }
 }
 
-/// Reads a whole number within a range. Whatever was written instead, the answer says what is allowed.
+/// Reads a whole number within a range. Every error states the range.
 fn whole<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
     move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
@@ -278,7 +281,7 @@ mod tests {
     fn settings_that_contradict_each_other_are_refused_by_name() {
         for (flags, words) in [
             (&["--queue-bytes=2000"][..], ["'queue_bytes' is 2000", "'max_body_bytes', 16777216"]),
-            (&["--timeout-ms=100000"], ["'timeout_ms' is 100000", "'max_timeout_ms', 60000"]),
+            (&["--timeout-ms=100000"], ["'timeout_ms' is 100000", "60000 ('max_timeout_ms')"]),
             (
                 &["--pixel-bytes=15999", "--max-pixels=1000"],
                 ["'pixel_bytes' is 15999", "('max_pixels', 1000) needs at least 16000"],

@@ -1,4 +1,4 @@
-//! The settings as a file: printed with the defaults, and read. Both go by the arguments that [`Config`] declares.
+//! The settings as a file: printing it with the defaults, and reading it. Both follow the arguments of [`Config`].
 
 use std::any::TypeId;
 use std::error::Error as _;
@@ -14,29 +14,29 @@ use super::settings::Config;
 
 const HEAD: &str = "\
 # Settings of `posed serve`. Each is also a flag (`--queue 32`) and an environment variable (`POSED_QUEUE=32`).
-# Flags win over the environment, the environment over this file, this file over the defaults, which are these:
+# Flags take precedence over the environment, the environment over this file. The values below are the defaults.
 ";
 
-/// A file that is none of settings.
+/// A settings file that cannot be used.
 #[derive(Debug, Error)]
 pub enum SettingsFileError {
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
     #[error("{}: {source}", path.display())]
     Syntax { path: PathBuf, source: Box<toml::de::Error> },
-    #[error("{}: there is no setting '{setting}'{hint}", path.display())]
+    #[error("{}: unknown setting '{setting}'{hint}", path.display())]
     Unknown { path: PathBuf, setting: String, hint: String },
     #[error("{}: setting '{setting}' is {value}: {reason}", path.display())]
     Value { path: PathBuf, setting: String, value: Value, reason: String },
 }
 
-/// What a file says, setting by setting; each value is possible.
+/// The settings of a file, with valid values.
 #[derive(Debug)]
 pub struct SettingsFile(Vec<(String, String)>);
 
 impl SettingsFile {
     /// # Errors
-    /// When the file cannot be read, or has an unknown setting or an impossible value, with its name.
+    /// When the file cannot be read, or has an unknown setting or an invalid value. The error names it.
     pub fn read(path: &Path) -> Result<Self, SettingsFileError> {
         let text =
             std::fs::read_to_string(path).map_err(|source| SettingsFileError::Read { path: path.into(), source })?;
@@ -45,7 +45,8 @@ impl SettingsFile {
         let command = settings();
         let read = |(setting, value): (String, Value)| {
             let Some(argument) = command.get_arguments().find(|argument| argument.get_id() == setting.as_str()) else {
-                let hint = similar(&command, &setting).map(|name| format!("; '{name}' is one")).unwrap_or_default();
+                let hint =
+                    similar(&command, &setting).map(|name| format!("; did you mean '{name}'?")).unwrap_or_default();
                 return Err(SettingsFileError::Unknown { path: path.into(), setting, hint });
             };
             match parse(argument, &value) {
@@ -56,7 +57,7 @@ impl SettingsFile {
         table.into_iter().map(read).collect::<Result<_, _>>().map(Self)
     }
 
-    /// The command with this file in place of its defaults: flags and environment still win.
+    /// The command with this file in place of its defaults. Flags and environment take precedence.
     #[must_use]
     pub fn in_place_of_defaults(self, command: Command) -> Command {
         let Self(values) = self;
@@ -66,7 +67,7 @@ impl SettingsFile {
     }
 }
 
-/// The file that means the defaults, with comments.
+/// The settings file with the defaults and comments.
 #[must_use]
 pub fn default_settings() -> String {
     let mut lines = vec![HEAD.to_owned()];
@@ -84,7 +85,7 @@ pub fn default_settings() -> String {
     lines.concat()
 }
 
-/// A setting with its default; as a comment, if it has none.
+/// A setting with its default, or commented out if it has none.
 fn line(argument: &Arg) -> String {
     let name = argument.get_id();
     let default = argument.get_default_values().first().map(|default| default.to_string_lossy().into_owned());
@@ -96,7 +97,7 @@ fn line(argument: &Arg) -> String {
     }
 }
 
-/// Whether the file has a setting in quotes. Numbers and truth values are without.
+/// Whether a setting is a string in the file. Numbers and booleans are not.
 fn is_text(argument: &Arg) -> bool {
     let read = argument.get_value_parser().type_id();
     ![TypeId::of::<bool>(), TypeId::of::<usize>(), TypeId::of::<u32>(), TypeId::of::<u64>()]
@@ -104,18 +105,18 @@ fn is_text(argument: &Arg) -> bool {
         .any(|bare| read == *bare)
 }
 
-/// The settings alone, whatever the environment says.
+/// The settings, without the environment.
 fn settings() -> Command {
     let command = Command::new("posed.toml").no_binary_name(true).disable_help_flag(true);
     Config::augment_args(command).mut_args(|argument| argument.env(Resettable::Reset))
 }
 
-/// A value of the file as a flag has it, if the flag may have it; else why not.
+/// Converts a value of the file to the text of its flag.
 fn parse(argument: &Arg, value: &Value) -> Result<String, String> {
     let text = match (is_text(argument), value.as_str()) {
         (true, Some(text)) => text.to_owned(),
-        (true, None) => return Err("it must be a text in quotes".to_owned()),
-        // A text keeps its quotes here, with which it is neither a number nor a truth value.
+        (true, None) => return Err("it must be a string in quotes".to_owned()),
+        // A string keeps its quotes here, and so is neither a number nor a boolean.
         (false, _) => value.to_string(),
     };
     let flag = format!("--{}={text}", argument.get_long().unwrap_or_default());
@@ -128,14 +129,14 @@ fn parse(argument: &Arg, value: &Value) -> Result<String, String> {
     })
 }
 
-/// The values of a setting that has but a few.
+/// The possible values of a setting, if they can be listed.
 fn choices(argument: &Arg) -> Option<String> {
     let values = argument.get_possible_values();
     let names: Vec<&str> = values.iter().map(clap::builder::PossibleValue::get_name).collect();
     (!names.is_empty()).then(|| names.join(", "))
 }
 
-/// The setting that was perhaps meant.
+/// A known setting with a similar name.
 fn similar(command: &Command, setting: &str) -> Option<String> {
     let flag = format!("--{}", setting.replace('_', "-"));
     let error = command.clone().try_get_matches_from([flag]).err()?;
@@ -189,12 +190,12 @@ mod tests {
     #[test]
     fn what_is_wrong_in_a_file_is_named() {
         for (text, words) in [
-            ("quue = 5", "there is no setting 'quue'; 'queue' is one"),
-            ("max_pixel = 5", "there is no setting 'max_pixel'; 'max_pixels' is one"),
-            ("max-batch = 5", "there is no setting 'max-batch'"),
-            ("help = true", "there is no setting 'help'"),
-            ("zebra = 5", "there is no setting 'zebra'"),
-            ("[limits]\nqueue = 5", "there is no setting 'limits'"),
+            ("quue = 5", "unknown setting 'quue'; did you mean 'queue'?"),
+            ("max_pixel = 5", "unknown setting 'max_pixel'; did you mean 'max_pixels'?"),
+            ("max-batch = 5", "unknown setting 'max-batch'"),
+            ("help = true", "unknown setting 'help'"),
+            ("zebra = 5", "unknown setting 'zebra'"),
+            ("[limits]\nqueue = 5", "unknown setting 'limits'"),
             ("queue = \"many\"", "'queue' is \"many\": it must be a whole number from 1 to 65536"),
             ("queue = \"5\"", "'queue' is \"5\": it must be a whole number from 1 to 65536"),
             ("queue = 0", "'queue' is 0: it must be a whole number from 1 to 65536"),
@@ -202,7 +203,7 @@ mod tests {
             ("queue = 5.0", "'queue' is 5.0: it must be a whole number from 1 to 65536"),
             ("recalibration = \"true\"", "'recalibration' is \"true\": it must be one of true, false"),
             ("http = \"nowhere\"", "'http' is \"nowhere\": invalid socket address"),
-            ("http = 8080", "'http' is 8080: it must be a text in quotes"),
+            ("http = 8080", "'http' is 8080: it must be a string in quotes"),
             ("models = \"\"", "'models' is \"\": it must not be empty"),
             ("provider = \"abacus\"", "'provider' is \"abacus\": it must be one of cpu, cuda, tensorrt, openvino"),
             ("queue = 5\nqueue = 6", "duplicate key"),

@@ -16,7 +16,7 @@ impl LogControl {
     /// # Errors
     /// When the text is no filter: the old one stays.
     pub fn set(&self, filter: &str) -> Result<(), String> {
-        let filter = EnvFilter::try_new(filter).map_err(|error| format!("{filter:?} is no log filter: {error}"))?;
+        let filter = EnvFilter::try_new(filter).map_err(|error| format!("{filter:?} is not a log filter: {error}"))?;
         self.0.reload(filter).map_err(|error| error.to_string())
     }
 }

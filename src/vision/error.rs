@@ -10,24 +10,27 @@ pub(super) const MIN_SIDE_PX: u32 = 16;
 /// Bytes that are not an image to estimate poses from.
 #[derive(Debug, Error)]
 pub enum DecodeError {
-    #[error("the body is empty; post the bytes of a JPEG, PNG or WebP image")]
+    #[error("the image is empty; it must be a JPEG, PNG or WebP file")]
     Empty,
-    #[error("the body is not a JPEG, PNG or WebP image (its first bytes are none of theirs)")]
+    #[error("the image is not a JPEG, PNG or WebP file; for a raw frame, set its encoding and size")]
     UnknownFormat,
-    #[error("image is {width}x{height}; the limits are {max_side_px} pixels a side and {max_pixels} pixels in all")]
+    #[error(
+        "the image is {width}x{height}; the limits are {max_side_px} pixels per side ('max_side_px') and {max_pixels} \
+         pixels in total ('max_pixels')"
+    )]
     TooLarge { width: u32, height: u32, max_side_px: u32, max_pixels: u64 },
-    #[error("image is {width}x{height}; at least {MIN_SIDE_PX} pixels a side are needed")]
+    #[error("the image is {width}x{height}; it must have at least {MIN_SIDE_PX} pixels per side")]
     TooSmall { width: u32, height: u32 },
-    #[error("image is truncated: its last part is missing")]
+    #[error("the image is truncated; post the whole file")]
     Truncated,
     #[error(
-        "image asks to be turned (EXIF orientation {0}), so it is unclear which pixels the camera parameters mean; \
-         post the pixels as the sensor read them, without an orientation, or choose 'apply' or 'ignore' as exif_orientation"
+        "the image has EXIF orientation {0}, so it is unclear which pixels the camera parameters refer to; post the \
+         stored pixels without an orientation, or change the setting 'exif_orientation' to 'apply' or 'ignore'"
     )]
     Orientation(u8),
     #[error(transparent)]
     Raw(#[from] RawError),
-    #[error("image is damaged: {0}")]
+    #[error("the image is damaged: {0}")]
     Damaged(#[source] ImageError),
 }
 

@@ -1,7 +1,7 @@
 use clap::ValueEnum;
 use serde::Serialize;
 
-/// What an image may demand before anything is allocated for it, and how it is read.
+/// Limits of an image, which are checked before memory is allocated, and how it is read.
 #[derive(Clone, Copy, Debug)]
 pub struct DecodeOptions {
     pub max_side_px: u32,
@@ -15,15 +15,15 @@ impl Default for DecodeOptions {
     }
 }
 
-/// What to do with an image that asks to be turned before it is looked at.
+/// How to treat an image with an EXIF orientation other than "as stored".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum OrientationPolicy {
-    /// Refuse it: it is unclear which pixels the camera parameters mean.
+    /// Reject the image, because it is unclear which pixels the camera parameters refer to.
     #[default]
     Refuse,
-    /// Turn it: the camera parameters belong to the turned image.
+    /// Rotate the image. The camera parameters refer to the rotated image.
     Apply,
-    /// Leave it: the camera parameters belong to the pixels as they are stored.
+    /// Do not rotate the image. The camera parameters refer to the stored pixels.
     Ignore,
 }

@@ -14,9 +14,9 @@ fn the_printed_settings_are_a_file_of_settings_and_wrong_ones_are_refused() {
         refuses_to_serve(&["--config", path.to_str().unwrap(), "--timeout-ms", "90000"], words);
     };
     // Wrong only in the flag beside it.
-    with_file(&printed, "'timeout_ms' is 90000: more than a request may ask for ('max_timeout_ms', 60000)");
+    with_file(&printed, "'timeout_ms' is 90000, but the maximum is 60000 ('max_timeout_ms')");
     let name = path.to_str().unwrap();
-    with_file(&format!("{printed}\nquue = 3\n"), &format!("{name}: there is no setting 'quue'; 'queue' is one"));
+    with_file(&format!("{printed}\nquue = 3\n"), &format!("{name}: unknown setting 'quue'; did you mean 'queue'?"));
     with_file("queue = 0", &format!("{name}: setting 'queue' is 0: it must be a whole number from 1 to 65536"));
     let said = explanation(&posed(&["serve", "--print-config"]).env("POSED_QUEUE", "many").output().unwrap());
     assert!(said.contains("'many' for '--queue <QUEUE>'") && said.contains("from 1 to 65536"), "{said}");
@@ -37,8 +37,7 @@ fn flags_win_over_the_environment_the_environment_over_the_file_and_the_file_ove
         for mut command in [by_flag, by_environment] {
             let output = command.args(FREE_PORTS).envs(environment.iter().copied()).args(flags).output().unwrap();
             let [timeout, longest] = expected;
-            let words =
-                format!("'timeout_ms' is {timeout}: more than a request may ask for ('max_timeout_ms', {longest})");
+            let words = format!("'timeout_ms' is {timeout}, but the maximum is {longest} ('max_timeout_ms')");
             let said = explanation(&output);
             assert!(said.contains(&words), "{said}");
         }

@@ -88,7 +88,7 @@ async fn frames_that_do_not_fit_are_refused_by_name_and_the_next_good_one_works(
         ("encoding=rgb8&width=640&height=481", "bytes"),
         ("encoding=rgb8&width=640&height=480&step=1900", "'step'"),
         ("encoding=rgb8&width=640", "'height'"),
-        ("encoding=rgb&width=640&height=480", "known are rgb8"),
+        ("encoding=rgb&width=640&height=480", "known encodings: rgb8"),
         ("encoding=rgb8&width=0&height=480", "at least 1"),
         ("encoding=nv12&width=641&height=480", "multiple of 2"),
         ("width=640&height=480", "'encoding'"),

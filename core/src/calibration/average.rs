@@ -58,15 +58,15 @@ impl Default for Consensus {
 #[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum AverageError {
-    #[error("no references; at least one reference image with a known pose is needed")]
+    #[error("no references; give at least one reference image with a known pose")]
     Empty,
     #[error("reference {index} has a value that is not finite")]
     NotFinite { index: usize },
     #[error("covariance of reference {index} is not positive definite")]
     Covariance { index: usize },
     #[error(
-        "only {agreeing} of {references} references agree within the thresholds of {:.1} deg and {:.0} mm; more than \
-         half must. Check the poses given with the references, or leave out the wrong ones",
+        "only {agreeing} of {references} references agree within {:.1} deg and {:.0} mm, but more than half must; \
+         check the poses of the references, or leave out the wrong ones",
         .rotation_threshold_rad.to_degrees(), 1e3 * .translation_threshold_m
     )]
     NoConsensus { agreeing: usize, references: usize, rotation_threshold_rad: f64, translation_threshold_m: f64 },

@@ -72,9 +72,9 @@ pub struct ClickResidual {
 #[allow(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ClickError {
-    #[error("{0} clicked points; between {MIN_POINTS} and {MAX_POINTS} are needed")]
+    #[error("{0} clicked points; give {MIN_POINTS} to {MAX_POINTS}")]
     Count(usize),
-    #[error("the standard deviation of a click must be a positive number of pixels, not {0}")]
+    #[error("the standard deviation of a click is {0}; it must be a positive number of pixels")]
     Sigma(f64),
     #[error("click {index}: {source}")]
     Triangulation { index: usize, source: TriangulationError },
@@ -83,10 +83,10 @@ pub enum ClickError {
          it goes, and its unit) and the cameras"
     )]
     RaysMiss { index: usize, error_px: f64 },
-    #[error("the frame names click {index}, but there are only {clicks}")]
+    #[error("the frame refers to click {index}, but there are only {clicks}, counted from 0")]
     FrameIndex { index: usize, clicks: usize },
     #[error(
-        "the three points that span the frame lie within {:.0} degrees of one line; name three that form a wide triangle",
+        "the three points that span the frame lie within {:.0} degrees of one line; choose three that form a wide triangle",
         MIN_FRAME_ANGLE_RAD.to_degrees()
     )]
     DegenerateFrame,

@@ -60,7 +60,7 @@ pub enum SymmetryError {
          that is not a whole fraction of a turn, or a translation, is the usual cause"
     )]
     NotFinite,
-    #[error("discrete symmetry {index} is no rigid motion: {source}")]
+    #[error("discrete symmetry {index} is not a rigid motion: {source}")]
     Motion { index: usize, source: PoseError },
     #[error(
         "continuous symmetry {index} has no axis: its direction must be three finite numbers that are not all zero"

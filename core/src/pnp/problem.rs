@@ -22,7 +22,7 @@ pub enum PnpError {
     Covariance { index: usize },
     #[error("pixel of point {index}: {source}")]
     Pixel { index: usize, source: ProjectionError },
-    #[error("the points lie on one line or in one place; no pose follows from them")]
+    #[error("the points lie on one line or in one place; they do not determine a pose")]
     Degenerate,
     #[error("no pose puts the points in front of the camera and near their pixels")]
     NoPose,

@@ -92,22 +92,22 @@ impl DetectorManifest {
     fn validate(&self) -> Result<(), Invalid> {
         let names: Vec<&String> = self.labels.iter().flatten().collect();
         if names.is_empty() {
-            return Err(("labels", "names no object; name the object of each class".into()));
+            return Err(("labels", "has no object; it must name the object of each class".into()));
         }
         for (index, name) in names.iter().enumerate() {
             check_name(name).map_err(|problem| ("labels", problem))?;
             if names[..index].contains(name) {
-                return Err(("labels", format!("names {name:?} twice")));
+                return Err(("labels", format!("has {name:?} twice")));
             }
         }
         for (field, share) in [("score_threshold", self.score_threshold), ("iou_threshold", self.iou_threshold)] {
             if !(0.0..1.0).contains(&share) {
-                return Err((field, format!("is {share}; it must lie between 0 and 1")));
+                return Err((field, format!("is {share}; it must be at least 0 and less than 1")));
             }
         }
         for (field, side) in [("input.width", self.input.width), ("input.height", self.input.height)] {
             if !(32..=2048).contains(&side) {
-                return Err((field, format!("is {side}; it must lie between 32 and 2048")));
+                return Err((field, format!("is {side}; it must be between 32 and 2048")));
             }
         }
         input::check(self.input.layout, self.input.dtype, self.input.mean, self.input.std)

@@ -15,7 +15,7 @@ pub enum ManifestError {
     #[error("{}: field '{field}' {problem}", path.display())]
     Field { path: PathBuf, field: &'static str, problem: String },
     #[error(
-        "{} has sha256 {found} but its manifest states {stated}: the file is damaged or belongs to another manifest",
+        "{} has sha256 {found} but its manifest states {stated}; the file is damaged, or belongs to another manifest",
         path.display()
     )]
     Hash { path: PathBuf, stated: String, found: String },

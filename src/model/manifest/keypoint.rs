@@ -148,40 +148,43 @@ impl KeypointManifest {
         if !(MIN_POINTS..=MAX_POINTS).contains(&count) {
             return Err((
                 "virtual_keypoints_m",
-                format!("has {count} points; {MIN_POINTS} to {MAX_POINTS} are needed"),
+                format!("has {count} points; it must have {MIN_POINTS} to {MAX_POINTS}"),
             ));
         }
         let extreme = self.virtual_keypoints_m.iter().flatten().any(|v| v.is_nan() || v.abs() >= 10.0);
         if extreme {
-            return Err(("virtual_keypoints_m", "has a coordinate beyond 10 m; are these millimetres?".into()));
+            return Err(("virtual_keypoints_m", "has a coordinate beyond 10 m; the unit must be metres".into()));
         }
         if !(0.005..=5.0).contains(&self.diameter_m) {
             let value = self.diameter_m;
-            return Err(("diameter_m", format!("is {value}; between 0.005 and 5 m are supported (millimetres?)")));
+            return Err(("diameter_m", format!("is {value}; it must be between 0.005 and 5, in metres")));
         }
         if !(1.0..=4.0).contains(&self.crop_scale) {
-            return Err(("crop_scale", format!("is {}; it must lie between 1 and 4", self.crop_scale)));
+            return Err(("crop_scale", format!("is {}; it must be between 1 and 4", self.crop_scale)));
         }
         let crops = &self.crop_ensemble;
         if !(1..=8).contains(&crops.len()) || !crops.iter().all(CropVariant::is_valid) {
-            let problem = "give 1 to 8 crops, `scale` between 0.5 and 2, `turn_deg` between -180 and 180";
+            let problem = "must have 1 to 8 crops with `scale` between 0.5 and 2 and `turn_deg` between -180 and 180";
             return Err(("crop_ensemble", problem.into()));
         }
         if let Some(SecondLook { zoom, up }) = self.second_look {
             if !(1.0..=10.0).contains(&zoom) {
-                return Err(("second_look.zoom", format!("is {zoom}; it must lie between 1 and 10")));
+                return Err(("second_look.zoom", format!("is {zoom}; it must be between 1 and 10")));
             }
             if !(0.99..=1.01).contains(&Vector3::from(up).norm()) {
-                return Err(("second_look.up", format!("is {up:?}; give a direction of length 1")));
+                return Err(("second_look.up", format!("is {up:?}; it must have length 1")));
             }
         }
         if !(16..=1024).contains(&self.input.size) {
-            return Err(("input.size", format!("is {}; it must lie between 16 and 1024", self.input.size)));
+            return Err(("input.size", format!("is {}; it must be between 16 and 1024", self.input.size)));
         }
         input::check(self.input.layout, self.input.dtype, self.input.mean, self.input.std)?;
         if self.covariance_scale.len() != count {
             let given = self.covariance_scale.len();
-            return Err(("covariance_scale", format!("has {given} factors for {count} keypoints")));
+            return Err((
+                "covariance_scale",
+                format!("has {given} factors for {count} keypoints; it must have one for each"),
+            ));
         }
         if !self.covariance_scale.iter().all(|s| *s > 0.0 && *s < 1e6) {
             return Err(("covariance_scale", "has a factor that is not a positive number".into()));

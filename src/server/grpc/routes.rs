@@ -69,5 +69,5 @@ async fn report_health(readiness: &Readiness, health: &HealthReporter) {
 fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response<Body> {
     drop(panic);
     tracing::error!("a handler panicked");
-    Status::internal("the server failed on this request; the fault is logged").into_http()
+    Status::internal("the server failed on this request; its log has the details").into_http()
 }

@@ -78,7 +78,7 @@ impl Frames {
                 },
                 Some(_) = self.in_work.join_next() => self.start_waiting(),
                 () = stopped(&mut stopping), if end.is_none() => {
-                    end = Some(Err(Status::unavailable("the server is shutting down")));
+                    end = Some(Err(Status::unavailable("the server is shutting down; connect again")));
                 }
                 () = responses.closed() => return,
             }
@@ -115,24 +115,24 @@ impl Frames {
                 if self.in_work.len() < self.window {
                     self.start(frame);
                 } else if let Some(LeasedFrame { frame: replaced, .. }) = self.waiting.replace(frame) {
-                    let message = "replaced by a newer frame".to_owned();
+                    let message = "replaced by a newer frame ('latest_only')".to_owned();
                     let result = FrameResult::Error(FrameError { code: Code::Aborted.into(), message });
                     respond(&self.responses, replaced.frame_id, result).await;
                 }
                 Ok(())
             }
-            None => Err(Status::invalid_argument("a message has neither 'settings' nor 'frame'")),
+            None => Err(Status::invalid_argument("the message has neither 'settings' nor 'frame'; set one of them")),
         }
     }
 
     fn set(&mut self, settings: StreamSettings) -> Result<(), Status> {
         if self.started {
-            return Err(Status::invalid_argument("'settings' come once, before the first frame"));
+            return Err(Status::invalid_argument("'settings' must be sent once, before the first frame"));
         }
         if settings.window > MAX_WINDOW {
             let window = settings.window;
             return Err(Status::invalid_argument(format!(
-                "'window' is {window}; it must lie between 1 and {MAX_WINDOW}"
+                "'window' is {window}; it must be between 1 and {MAX_WINDOW}, or 0 for the default"
             )));
         }
         self.started = true;

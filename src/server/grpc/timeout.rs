@@ -21,5 +21,7 @@ pub(super) fn grpc_timeout(metadata: &MetadataMap) -> Result<Option<Duration>, F
             _ => None,
         }
     });
-    parsed.map(Some).ok_or_else(|| Failure::invalid("metadata 'grpc-timeout' is no timeout"))
+    parsed.map(Some).ok_or_else(|| {
+        Failure::invalid("metadata 'grpc-timeout' is not valid; it must have up to eight digits and a unit")
+    })
 }

@@ -121,7 +121,7 @@ impl HttpBody for Messages {
 }
 
 fn stalled() -> Failure {
-    Failure::new(FailureKind::TimedOut, "the message stopped coming ('body_timeout_ms')")
+    Failure::new(FailureKind::TimedOut, "the message stalled for longer than 'body_timeout_ms'; send it without pauses")
 }
 
 /// Follows gRPC's framing: a flag, four bytes of length, the message.

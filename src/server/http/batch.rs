@@ -17,16 +17,16 @@ use crate::estimator::BodyLease;
 use crate::server::api::json::{BatchRequest, ErrorBody, ErrorDetail, EstimateRequest, Report};
 use crate::server::service::{Failure, FailureKind, PoseWork, Service};
 
-/// One entry for each image, in the order of the form.
+/// One item for each image, in the order of the form.
 #[derive(Serialize, ToSchema)]
 pub(super) struct BatchReport {
     items: Vec<ItemReport>,
 }
 
-/// The answer to one image: `answer` or `error`.
+/// The result for one image: `answer` or `error`.
 #[derive(Serialize, ToSchema)]
 struct ItemReport {
-    /// HTTP status that this image alone would have had.
+    /// HTTP status that `POST /v1/poses` returns for this image.
     status: u16,
     #[serde(skip_serializing_if = "Option::is_none")]
     answer: Option<Report>,
@@ -34,23 +34,25 @@ struct ItemReport {
     error: Option<ErrorDetail>,
 }
 
-/// The poses in several images. Each image is admitted, answered or refused on its own.
+/// Returns the poses in several images. Each image has its own status.
+///
+/// The images of batches leave a quarter of the queue to single images.
 #[utoipa::path(
     post,
     path = "/v1/poses/batch",
     tag = "poses",
-    params(("x-request-timeout-ms" = Option<u64>, Header, description = "Time for the whole answer, within the server's limit")),
+    params(("x-request-timeout-ms" = Option<u64>, Header, description = "Time limit for the whole answer, milliseconds")),
     request_body(
-        description = "Parts `image`, one for each image, and one part `request`: an `EstimateRequest` for all images, or a list with one \
-                       for each",
+        description = "A form with one part `image` for each image and one part `request`. The part `request` is an \
+                       `EstimateRequest` for all images, or a list with one for each image",
         content((EstimateRequest = "multipart/form-data"))
     ),
     responses(
-        (status = 200, description = "One entry for each image, with its own status", body = BatchReport),
-        (status = 400, description = "No form, no image, or options that do not fit the images", body = ErrorBody),
-        (status = 413, description = "The body is larger than a limit, or holds too many images", body = ErrorBody),
-        (status = 429, description = "There is no room for the body now; see Retry-After", body = ErrorBody),
-        (status = 504, description = "The body did not arrive in time", body = ErrorBody),
+        (status = 200, description = "One item for each image, with its own status", body = BatchReport),
+        (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
+        (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
+        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (status = 504, description = "The body did not arrive in time, or stalled", body = ErrorBody),
     )
 )]
 pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request) -> Result<Json<BatchReport>, Failure> {
@@ -58,9 +60,9 @@ pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request)
     let body = form::lease(&request)?;
     let Form { images, request } = form::read_form::<BatchRequest>(&service, request, deadline).await?;
     if images.is_empty() {
-        return Err(Failure::invalid("no part 'image'; at least one is needed"));
+        return Err(Failure::invalid("no part 'image'; send at least one"));
     }
-    let request = request.ok_or_else(|| Failure::invalid("no part 'request'; it names the camera"))?;
+    let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one that sets the camera"))?;
     let requests = request.for_each(images.len())?;
     let mut tasks = JoinSet::new();
     for (index, (image, request)) in images.into_iter().zip(requests).enumerate() {
@@ -70,7 +72,7 @@ pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request)
     }
     let mut items: Vec<(usize, ItemReport)> = Vec::with_capacity(tasks.len());
     while let Some(joined) = tasks.join_next().await {
-        let lost = |error| Failure::new(FailureKind::Internal, format!("an image was lost: {error}"));
+        let lost = |error| Failure::new(FailureKind::Internal, format!("the server failed on an image: {error}"));
         let (index, answer) = joined.map_err(lost)?;
         items.push((index, answer.into()));
     }

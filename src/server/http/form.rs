@@ -45,8 +45,8 @@ impl Kind {
             image if image.starts_with("image/") => Ok(Self::Image),
             other => {
                 let message = format!(
-                    "content type {other:?}: post the image's bytes as image/jpeg, image/png or image/webp, or \
-                     multipart/form-data with the parts 'image' and 'request'"
+                    "content type {other:?} is not supported; post an image as image/jpeg, image/png or image/webp, a raw \
+                     frame as application/octet-stream, or multipart/form-data with the parts 'image' and 'request'"
                 );
                 Err(Failure::new(FailureKind::UnsupportedFormat, message))
             }
@@ -58,7 +58,8 @@ impl Kind {
 pub(super) fn deadline(service: &Service, headers: &HeaderMap) -> Result<Instant, Failure> {
     let asked = headers.get(TIMEOUT).map(|value| {
         let milliseconds = value.to_str().ok().and_then(|text| text.parse::<u64>().ok()).filter(|ms| *ms > 0);
-        let message = || Failure::invalid(format!("header '{TIMEOUT}' must be a whole number of milliseconds"));
+        let message =
+            || Failure::invalid(format!("header '{TIMEOUT}' must be a whole number of milliseconds, at least 1"));
         milliseconds.ok_or_else(message)
     });
     Ok(service.deadline(asked.transpose()?.map(Duration::from_millis)))
@@ -111,10 +112,10 @@ async fn parts<T: DeserializeOwned>(service: &Service, request: Request) -> Resu
                 return Err(Failure::new(FailureKind::TooLarge, message));
             }
             Some("request") if form.request.is_none() => form.request = Some(json(part).await?),
-            Some("request") => return Err(Failure::invalid("part 'request' is there twice")),
+            Some("request") => return Err(Failure::invalid("part 'request' appears twice; send it once")),
             other => {
                 let name = other.unwrap_or("without a name");
-                return Err(Failure::invalid(format!("unknown part {name:?}; there are 'image' and 'request'")));
+                return Err(Failure::invalid(format!("unknown part {name:?}; use 'image' and 'request'")));
             }
         }
     }
@@ -125,7 +126,7 @@ async fn json<T: DeserializeOwned>(mut part: Field<'_>) -> Result<T, Failure> {
     let mut text = BytesMut::new();
     while let Some(chunk) = part.chunk().await.map_err(|error| of_part(&error))? {
         if text.len() + chunk.len() > MAX_JSON_BYTES {
-            let message = format!("part 'request' is larger than {MAX_JSON_BYTES} bytes ('max_json_bytes')");
+            let message = format!("part 'request' exceeds the limit of {MAX_JSON_BYTES} bytes ('max_json_bytes')");
             return Err(Failure::new(FailureKind::TooLarge, message));
         }
         text.extend_from_slice(&chunk);
@@ -136,7 +137,7 @@ async fn json<T: DeserializeOwned>(mut part: Field<'_>) -> Result<T, Failure> {
 
 /// A slow sender has no more time than the answer.
 async fn in_time<T>(deadline: Instant, read: impl Future<Output = T>) -> Result<T, Failure> {
-    let message = "the request's body did not arrive in time";
+    let message = "the request body did not arrive in time; raise 'x-request-timeout-ms', or send less";
     tokio::time::timeout_at(deadline.into(), read).await.map_err(|_| Failure::new(FailureKind::TimedOut, message))
 }
 

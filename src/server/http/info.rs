@@ -1,4 +1,4 @@
-//! What the server knows, its limits, and how it is doing.
+//! Objects, cameras, limits and state of the server.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,19 +10,19 @@ use posed_core::geometry::Camera;
 use crate::server::api::json::{CameraForm, ErrorBody, LimitsReport, ObjectReport, StatusReport};
 use crate::server::service::{Failure, Service};
 
-/// Every known object, calibrated or not.
+/// Returns all known objects, calibrated or not.
 #[utoipa::path(get, path = "/v1/objects", tag = "info", responses((status = 200, body = Vec<ObjectReport>)))]
 pub(super) async fn objects(State(service): State<Arc<Service>>) -> Json<Vec<ObjectReport>> {
     Json(service.objects().map(Into::into).collect())
 }
 
-/// One known object.
+/// Returns one known object.
 #[utoipa::path(
     get,
     path = "/v1/objects/{name}",
     tag = "info",
     params(("name" = String, Path)),
-    responses((status = 200, body = ObjectReport), (status = 404, description = "Unknown object", body = ErrorBody))
+    responses((status = 200, body = ObjectReport), (status = 404, description = "The object is unknown", body = ErrorBody))
 )]
 pub(super) async fn object(
     State(service): State<Arc<Service>>,
@@ -31,19 +31,19 @@ pub(super) async fn object(
     Ok(Json(service.object(&name)?.into()))
 }
 
-/// Every registered camera, by id.
+/// Returns all registered cameras, by id.
 #[utoipa::path(get, path = "/v1/cameras", tag = "info", responses((status = 200, body = BTreeMap<String, CameraForm>)))]
 pub(super) async fn cameras(State(service): State<Arc<Service>>) -> Json<BTreeMap<String, Camera>> {
     Json(service.cameras().map(|(id, camera)| (id.to_owned(), camera.clone())).collect())
 }
 
-/// The limits that requests are held to, and the memory that follows from them.
+/// Returns the limits of the server, and the memory bound that follows from them.
 #[utoipa::path(get, path = "/v1/limits", tag = "info", responses((status = 200, body = LimitsReport)))]
 pub(super) async fn limits(State(service): State<Arc<Service>>) -> Json<LimitsReport> {
     Json((&service.limits).into())
 }
 
-/// How the server is doing: queue, rate, latency, outcomes, models, memory.
+/// Returns the state of the server: queue, rate, latency, outcomes, models, memory.
 #[utoipa::path(get, path = "/v1/status", tag = "info", responses((status = 200, body = StatusReport)))]
 pub(super) async fn status(State(service): State<Arc<Service>>) -> Json<StatusReport> {
     Json(StatusReport::new(service.status(), &service.limits, &service.models))

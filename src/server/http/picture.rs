@@ -24,7 +24,10 @@ pub(super) fn wanted(headers: &HeaderMap) -> Option<ImageFormat> {
 pub(super) async fn draw(mut answer: Answer, format: ImageFormat) -> Result<Response, Failure> {
     let failed = |reason: String| {
         tracing::error!(reason, "the picture could not be drawn");
-        Failure::new(FailureKind::Internal, "the picture could not be drawn; ask for JSON")
+        Failure::new(
+            FailureKind::Internal,
+            "the server failed to draw the picture; request JSON, or see the server log",
+        )
     };
     let (mut image, room) = (answer.image.take().ok_or_else(|| failed("no pixels".into()))?, answer.room.take());
     // Milliseconds of work, which must not hold up other requests.

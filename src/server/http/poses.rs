@@ -16,36 +16,39 @@ use crate::server::api::json::{ErrorBody, EstimateRequest, Report, ReportContext
 use crate::server::service::{Failure, Options, PoseWork, Service};
 use crate::vision::{Image, RawImage, RawLayout};
 
-/// The 6D poses of the known objects in one image.
+/// Returns the 6D poses of the known objects in one image.
 ///
-/// The body is an image (JPEG, PNG or WebP; options in the query), a raw frame (`encoding`, `width` and `height` in the
-/// query, too), or a form with the parts `image` and `request` (options as JSON: cameras with distortion, your own frames).
+/// The body is one of the following:
+/// - An image (JPEG, PNG or WebP). Set the options in the query.
+/// - A raw frame. Set the options in the query, with `encoding`, `width` and `height`.
+/// - A form with the parts `image` and `request`. Set the options in `request`, as JSON. Use a form for cameras with
+///   distortion and for poses in your own frames.
 #[utoipa::path(
     post,
     path = "/v1/poses",
     tag = "poses",
     params(
         EstimateQuery,
-        ("x-request-timeout-ms" = Option<u64>, Header, description = "Time for the answer, within the server's limit"),
-        ("accept" = Option<String>, Header, description = "`image/png` or `image/jpeg`: the picture of the answer"),
+        ("x-request-timeout-ms" = Option<u64>, Header, description = "Time limit for the answer, milliseconds"),
+        ("accept" = Option<String>, Header, description = "`image/png` or `image/jpeg` for a picture instead of JSON"),
     ),
     request_body(
-        description = "An image, a raw frame, or the parts `image` and `request` (an `EstimateRequest`)",
+        description = "An image, a raw frame, or a form with the parts `image` and `request` (an `EstimateRequest`)",
         content(
             (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/webp"),
             (Vec<u8> = "application/octet-stream"), (EstimateRequest = "multipart/form-data"),
         )
     ),
     responses(
-        (status = 200, description = "Poses; nothing in view is an empty list", body = Report),
-        (status = 400, description = "The image, the camera or an option cannot be used", body = ErrorBody),
-        (status = 404, description = "Unknown camera or object", body = ErrorBody),
-        (status = 409, description = "An object that was asked for is not calibrated", body = ErrorBody),
-        (status = 413, description = "The body or the image is larger than a limit", body = ErrorBody),
-        (status = 415, description = "Not a JPEG, PNG or WebP, or an unknown content type", body = ErrorBody),
-        (status = 429, description = "There is no room now; see Retry-After", body = ErrorBody),
+        (status = 200, description = "The poses; an empty list if no object is in view", body = Report),
+        (status = 400, description = "The image, the camera or an option is not usable", body = ErrorBody),
+        (status = 404, description = "The camera or the object is unknown", body = ErrorBody),
+        (status = 409, description = "A requested object is not calibrated", body = ErrorBody),
+        (status = 413, description = "The body or the image exceeds a limit", body = ErrorBody),
+        (status = 415, description = "The image format or the content type is not supported", body = ErrorBody),
+        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
         (status = 500, description = "The server failed on this image", body = ErrorBody),
-        (status = 504, description = "No answer in time", body = ErrorBody),
+        (status = 504, description = "The time limit expired, or the body stalled", body = ErrorBody),
     )
 )]
 pub(super) async fn poses(
@@ -65,7 +68,9 @@ pub(super) async fn poses(
             (image(form::read_image(request, deadline).await?, raw)?, options)
         }
         Kind::Form if query == EstimateQuery::default() => one_image(&service, request, deadline).await?,
-        Kind::Form => return Err(Failure::invalid("a form has its options in the part 'request', not in the query")),
+        Kind::Form => {
+            return Err(Failure::invalid("set the options of a form in its part 'request', not in the query"));
+        }
     };
     let work = PoseWork { image, body, options: &options, keep_image: picture.is_some(), deadline };
     let answer = service.estimate(work).await?;
@@ -75,7 +80,7 @@ pub(super) async fn poses(
     }
 }
 
-/// A form's only image and its options.
+/// Reads a form with one image.
 async fn one_image(
     service: &Service,
     request: Request,
@@ -85,11 +90,11 @@ async fn one_image(
     let (asked, raw) = request.unwrap_or_default().translate()?;
     let options = service.options(asked)?;
     let [bytes] = <[Bytes; 1]>::try_from(images)
-        .map_err(|images| Failure::invalid(format!("{} parts 'image'; one is needed", images.len())))?;
+        .map_err(|images| Failure::invalid(format!("{} parts 'image'; send exactly one", images.len())))?;
     Ok((image(bytes, raw)?, options))
 }
 
-/// Encoded, unless a layout says that it is raw.
+/// A raw image if a layout is given, otherwise an encoded one.
 pub(super) fn image(bytes: Bytes, raw: Option<RawLayout>) -> Result<Image, Failure> {
     let raw = raw.map(|layout| RawImage::new(layout, bytes.clone())).transpose();
     let raw = raw.map_err(|error| Failure::invalid(error.to_string()))?;

@@ -14,29 +14,33 @@ use crate::vision::RawLayout;
 #[into_params(parameter_in = Query)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct EstimateQuery {
-    /// Id of a registered camera; else give `fx`, `fy`, `cx`, `cy`.
+    /// Id of a registered camera. Set this, or `fx`, `fy`, `cx` and `cy`.
     camera: Option<String>,
-    /// Focal lengths and principal point of a pinhole camera, pixels of the posted image.
+    /// Horizontal focal length of a pinhole camera, pixels of the posted image.
     fx: Option<f64>,
+    /// Vertical focal length.
     fy: Option<f64>,
+    /// Principal point, x.
     cx: Option<f64>,
+    /// Principal point, y.
     cy: Option<f64>,
-    /// Names of the objects to look for, with commas; all calibrated ones by default.
+    /// Names of the objects to look for, separated by commas. Omit this to look for all calibrated objects.
     objects: Option<String>,
-    /// At most this many of each object.
+    /// Maximum number of poses of each object. Omit this for no maximum.
     max_instances: Option<usize>,
-    /// Poses with less confidence are left out, 0..1.
+    /// Minimum confidence, 0..1. The answer omits poses below it.
     min_confidence: Option<f64>,
-    /// Your own mark of the image, given back as it is.
+    /// Your label for the image, such as its capture time. The answer repeats it. At most 64 characters.
     captured_at: Option<String>,
-    /// The body is a raw frame of this encoding, as ROS `sensor_msgs/Image` names it, whatever its content type.
+    /// Encoding of a raw frame, with its name in ROS `sensor_msgs/Image`. If set, the body is a raw frame whatever its
+    /// content type. `GET /v1/limits` lists the encodings.
     #[param(example = "bgr8")]
     encoding: Option<String>,
-    /// Of a raw frame, pixels.
+    /// Width of a raw frame, pixels.
     width: Option<u32>,
-    /// Of a raw frame, pixels.
+    /// Height of a raw frame, pixels.
     height: Option<u32>,
-    /// Bytes of a raw frame's row; by default as many as its pixels take.
+    /// Bytes from one row of a raw frame to the next. Omit this if rows have no padding.
     step: Option<u32>,
 }
 
@@ -45,15 +49,15 @@ impl EstimateQuery {
         self.encoding.is_some()
     }
 
-    /// What is asked, and the layout of a raw frame.
+    /// Splits the query into the request and the layout of a raw frame.
     pub(super) fn translate(self) -> Result<(PoseRequest, Option<RawLayout>), Failure> {
         let raw = self.raw()?;
         let camera = match (self.camera, [self.fx, self.fy, self.cx, self.cy]) {
             (Some(id), [None, None, None, None]) => CameraChoice::Registered(id),
             (None, [Some(fx), Some(fy), Some(cx), Some(cy)]) => CameraChoice::Given(Camera::pinhole(fx, fy, cx, cy)?),
-            (Some(_), _) => return Err(Failure::invalid("give either 'camera' or 'fx', 'fy', 'cx', 'cy', not both")),
+            (Some(_), _) => return Err(Failure::invalid("set either 'camera' or 'fx', 'fy', 'cx' and 'cy', not both")),
             (None, _) => {
-                let message = "no camera: give 'camera' (an id) or all of 'fx', 'fy', 'cx', 'cy' (pixels)";
+                let message = "no camera; set 'camera' (an id), or all of 'fx', 'fy', 'cx' and 'cy' (pixels)";
                 return Err(Failure::invalid(message));
             }
         };
@@ -75,10 +79,12 @@ impl EstimateQuery {
                 let form = RawForm { encoding: encoding.clone(), width, height, step: self.step };
                 RawLayout::try_from(form).map(Some).map_err(|error| Failure::invalid(error.to_string()))
             }
-            (Some(_), _, _) => Err(Failure::invalid("a raw frame needs 'encoding', 'width' and 'height' (pixels)")),
-            (None, _, _) => {
-                Err(Failure::invalid("'width', 'height' and 'step' are for raw frames; give 'encoding', too"))
+            (Some(_), _, _) => {
+                Err(Failure::invalid("a raw frame needs 'encoding', 'width' and 'height' (pixels); set all three"))
             }
+            (None, _, _) => Err(Failure::invalid(
+                "'width', 'height' and 'step' are for raw frames only; add 'encoding', or remove them",
+            )),
         }
     }
 }

@@ -26,12 +26,13 @@ pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
 
 fn router(context: &Context) -> Router {
     let service = Arc::clone(&context.service);
-    let not_allowed =
-        || async { Failure::new(FailureKind::MethodNotAllowed, "this path has other methods; see /openapi.json") };
+    let not_allowed = || async {
+        Failure::new(FailureKind::MethodNotAllowed, "this path does not support the method; see /openapi.json")
+    };
     let (router, _) = described().split_for_parts();
     router
         .route("/openapi.json", get(|| async { ([(header::CONTENT_TYPE, "application/json")], openapi()) }))
-        .fallback(|| async { Failure::new(FailureKind::NotFound, "no such path; see /openapi.json") })
+        .fallback(|| async { Failure::new(FailureKind::NotFound, "this path does not exist; see /openapi.json") })
         .method_not_allowed_fallback(not_allowed)
         .layer(CatchPanicLayer::custom(panicked))
         // Ours is counted in `upload`.
@@ -64,13 +65,14 @@ pub fn openapi() -> String {
 #[derive(OpenApi)]
 #[openapi(info(
     title = "posed",
-    description = "6D poses of known rigid objects from one RGB image. Lengths are metres, angles radians, image quantities \
-                   pixels with pixel centres at integers. The camera frame is OpenCV's: x right, y down, z forward.",
+    description = "6D poses of known rigid objects from one RGB image. Lengths are in metres, angles in radians, image \
+                   coordinates in pixels. Pixel centres are at integer coordinates. The camera frame is OpenCV's: x \
+                   right, y down, z forward.",
 ))]
 struct Description;
 
 fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response<Body> {
     drop(panic);
     tracing::error!("a handler panicked");
-    Failure::new(FailureKind::Internal, "the server failed on this request; the fault is logged").into_response()
+    Failure::new(FailureKind::Internal, "the server failed on this request; its log has the details").into_response()
 }

@@ -30,9 +30,9 @@ pub(super) enum UploadError {
     TooLarge { limit: usize },
     #[error(transparent)]
     Refused(#[from] Refusal),
-    #[error("nothing more came")]
+    #[error("stalled")]
     Stalled,
-    #[error("broken off")]
+    #[error("ended early")]
     Broken(#[source] axum::Error),
 }
 
@@ -167,10 +167,13 @@ impl From<&UploadError> for Failure {
         match error {
             UploadError::TooLarge { limit } => Self::body_too_large(*limit),
             UploadError::Refused(refusal) => Self::new(FailureKind::QueueFull, refusal.to_string()),
-            UploadError::Stalled => {
-                Self::new(FailureKind::TimedOut, "the request's body stopped coming ('body_timeout_ms')")
+            UploadError::Stalled => Self::new(
+                FailureKind::TimedOut,
+                "the request body stalled for longer than 'body_timeout_ms'; send it without pauses",
+            ),
+            UploadError::Broken(_) => {
+                Self::invalid("the request body ended early or is malformed; check its length and its chunks")
             }
-            UploadError::Broken(_) => Self::invalid("the request's body broke off before its end"),
         }
     }
 }

@@ -6,7 +6,7 @@ use thiserror::Error;
 use crate::model::{ManifestError, read_json};
 use posed_core::geometry::Camera;
 
-/// A folder of cameras that cannot be used.
+/// A camera folder that cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum CameraFolderError {
     #[error("cannot read the camera folder {}: {source}", path.display())]

@@ -5,7 +5,7 @@ use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
 use crate::vision::DecodeError;
 use posed_core::geometry::CameraError;
 
-/// Why a request is not answered as asked, in words that every protocol carries.
+/// Why a request failed, with a message that every protocol carries.
 #[derive(Debug)]
 pub(crate) struct Failure {
     pub kind: FailureKind,
@@ -62,7 +62,7 @@ impl Failure {
     }
 
     pub(crate) fn body_too_large(limit: usize) -> Self {
-        Self::new(FailureKind::TooLarge, format!("the body is larger than {limit} bytes ('max_body_bytes')"))
+        Self::new(FailureKind::TooLarge, format!("the body exceeds the limit of {limit} bytes ('max_body_bytes')"))
     }
 
     pub(crate) fn unknown_camera(id: &str, cameras: &Cameras) -> Self {
@@ -70,7 +70,9 @@ impl Failure {
         let known = if known.is_empty() { "none".to_owned() } else { known };
         Self::new(
             FailureKind::UnknownCamera,
-            format!("no camera {id:?}; known cameras: {known}. Start with --cameras DIR, or give the camera inline"),
+            format!(
+                "unknown camera {id:?}; known cameras: {known}. Register it with --cameras, or send its parameters"
+            ),
         )
     }
 }

@@ -78,7 +78,7 @@ impl Metrics {
         };
         let registry = &mut metrics.registry;
         registry.register("requests", "Answered requests", metrics.requests.clone());
-        let help = "From a request's arrival to its answer";
+        let help = "Time from the arrival of a request to its answer";
         registry.register_with_unit("request_duration", help, Unit::Seconds, metrics.durations.clone());
         let help = "Time that an image spends in each stage";
         registry.register_with_unit("stage_duration", help, Unit::Seconds, metrics.stages.clone());
@@ -92,7 +92,7 @@ impl Metrics {
         );
         registry.register(
             "batch_size",
-            "Images worked on together, as each of them sees it",
+            "Number of images processed together, counted for each image",
             metrics.batch_size.clone(),
         );
         registry.register("model_info", "Networks in use", model_info(models));
@@ -167,14 +167,10 @@ impl Collector for QueueCollector {
         };
         let read = |value: &std::sync::atomic::AtomicU64| value.load(Ordering::Relaxed);
         counter("queue_enqueued", "Images admitted to the queue", read(&stats.admitted))?;
-        counter("queue_refused", "Bodies and images refused because there was no room", read(&stats.refused))?;
+        counter("queue_refused", "Bodies and images rejected for lack of room", read(&stats.refused))?;
         counter("undecodable", "Images that could not be decoded", read(&stats.undecodable))?;
-        counter("batches", "Batches given to workers", read(&stats.batches))?;
-        counter(
-            "worker_restarts",
-            "Workers that panicked and loaded their networks again",
-            read(&stats.worker_restarts),
-        )?;
+        counter("batches", "Groups of images that workers processed together", read(&stats.batches))?;
+        counter("worker_restarts", "Worker restarts after a panic", read(&stats.worker_restarts))?;
         let dequeued = ConstCounter::new(0_u64);
         let help = "Images that left the queue";
         let mut family = encoder.encode_descriptor("queue_dequeued", help, None, dequeued.metric_type())?;
@@ -188,10 +184,10 @@ impl Collector for QueueCollector {
         };
         let signed = |value: usize| i64::try_from(value).unwrap_or(i64::MAX);
         let long = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
-        gauge("inflight", "Images in work or waiting", signed(admission.images()))?;
-        gauge("body_bytes", "Bytes of bodies that are held", signed(admission.bytes()))?;
+        gauge("inflight", "Images that are waiting or in progress", signed(admission.images()))?;
+        gauge("body_bytes", "Size of all request bodies whose images are not decoded yet", signed(admission.bytes()))?;
         gauge("ready_workers", "Workers that can take a batch", signed(stats.ready_workers.load(Ordering::Relaxed)))?;
         gauge("resident_memory_bytes", "Resident memory of the process", long(resident_bytes()))?;
-        gauge("memory_bound_bytes", "What resident memory stays under", long(self.memory_bound))
+        gauge("memory_bound_bytes", "Upper bound of resident memory", long(self.memory_bound))
     }
 }

@@ -32,7 +32,7 @@ impl Service {
     pub(super) fn model(&self, name: &str) -> Result<&ObjectModel, Failure> {
         self.library.object(name).ok_or_else(|| {
             let known: Vec<&str> = self.library.known().map(|object| object.manifest.name.as_str()).collect();
-            let message = format!("no object {name:?}; known objects: {}", known.join(", "));
+            let message = format!("unknown object {name:?}; known objects: {}", known.join(", "));
             Failure::new(FailureKind::UnknownObject, message)
         })
     }

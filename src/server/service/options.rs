@@ -41,26 +41,25 @@ impl Service {
     /// Checks a request against what there is.
     pub(crate) fn options(&self, request: PoseRequest) -> Result<Options, Failure> {
         let PoseRequest { camera, objects, max_instances, min_confidence, frames, captured_at } = request;
-        let no_camera = || Failure::invalid("no camera: name a registered one, or give its parameters");
+        let no_camera = || Failure::invalid("no camera; set the id of a registered camera, or its parameters");
         let camera = self.camera(camera.ok_or_else(no_camera)?)?;
         for name in objects.iter().flatten() {
             self.model(name)?;
             if !self.is_calibrated(name) {
-                let message =
-                    format!("object {name:?} is not calibrated; measure its offset with `posed calibrate {name}`");
+                let message = format!("object {name:?} is not calibrated; calibrate it with `posed calibrate {name}`");
                 return Err(Failure::new(FailureKind::NotCalibrated, message));
             }
         }
         if max_instances == Some(0) {
-            return Err(Failure::invalid("field 'max_instances' is 0; leave it out, or give at least 1"));
+            return Err(Failure::invalid("field 'max_instances' is 0; set it to at least 1, or omit it"));
         }
         let min_confidence = min_confidence.unwrap_or(0.0);
         if !(0.0..=1.0).contains(&min_confidence) {
-            let message = format!("field 'min_confidence' is {min_confidence}; it must lie between 0 and 1");
+            let message = format!("field 'min_confidence' is {min_confidence}; it must be between 0 and 1");
             return Err(Failure::invalid(message));
         }
         if captured_at.as_ref().is_some_and(|mark| mark.chars().count() > MAX_MARK_CHARS) {
-            let message = format!("field 'captured_at' has more than {MAX_MARK_CHARS} characters");
+            let message = format!("field 'captured_at' exceeds the limit of {MAX_MARK_CHARS} characters");
             return Err(Failure::invalid(message));
         }
         let selection = Selection { objects, max_instances, min_confidence };
@@ -80,6 +79,6 @@ impl Service {
 impl Failure {
     /// A pose among a request's fields, or what is wrong with it.
     pub(crate) fn or_pose(field: &str, form: impl TryInto<Pose, Error = PoseError>) -> Result<Pose, Self> {
-        form.try_into().map_err(|error| Self::invalid(format!("field '{field}' is no pose: {error}")))
+        form.try_into().map_err(|error| Self::invalid(format!("field '{field}' is not a pose: {error}")))
     }
 }

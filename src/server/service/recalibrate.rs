@@ -36,8 +36,7 @@ impl Service {
     /// Whether references may be replaced at all, and those of this object.
     pub(crate) fn may_recalibrate(&self, object: &str) -> Result<(), Failure> {
         if self.recalibration.is_none() {
-            let message =
-                "this server does not replace references; start it with --recalibration, or use `posed calibrate`";
+            let message = "recalibration is off; start the server with --recalibration, or use `posed calibrate`";
             return Err(Failure::new(FailureKind::Forbidden, message));
         }
         self.model(object).map(drop)
@@ -85,7 +84,7 @@ impl Service {
         let written = tokio::task::spawn_blocking(move || references.replace(new, &files)).await;
         let failed = |error: String| {
             tracing::error!(error, "a reference could not be written");
-            Failure::new(FailureKind::Internal, format!("{error}; the old reference stays in force"))
+            Failure::new(FailureKind::Internal, format!("{error}; the old reference remains in use"))
         };
         written.map_err(|error| failed(error.to_string()))?.map_err(|error| failed(error.to_string()))?;
         tracing::info!("{} has a new reference", reference.object);

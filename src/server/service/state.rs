@@ -76,11 +76,11 @@ impl Service {
     /// `Err` says why no request should come here now.
     pub(super) fn serves(&self) -> Result<(), &'static str> {
         if self.queue.stats().ready_workers.load(std::sync::atomic::Ordering::Relaxed) == 0 {
-            return Err("no worker is left; see the log");
+            return Err("all workers have failed; see the log");
         }
         let mut objects = self.library.known();
         if !objects.any(|object| self.is_calibrated(&object.manifest.name)) && self.recalibration.is_none() {
-            return Err("no object is calibrated; see `posed calibrate --help`");
+            return Err("no object is calibrated; run `posed calibrate`");
         }
         Ok(())
     }
@@ -94,7 +94,7 @@ impl Service {
         let memory = self.limits.memory;
         let mebibytes = |bytes: u64| bytes >> 20;
         let (bound, warm) = (mebibytes(memory.total_bytes()), mebibytes(memory.warm_bytes));
-        tracing::info!("memory stays under {bound} MiB, of which {warm} are taken now; /v1/limits says for what");
+        tracing::info!("memory bound: {bound} MiB, of which {warm} MiB are in use now; see /v1/limits for its parts");
     }
 
     /// One more request is answered.
@@ -109,13 +109,13 @@ impl Service {
 
 fn tell_what_is_served(library: &Library, references: &References, config: &Config) {
     for name in library.without_model() {
-        tracing::warn!("{name} is not served: it has no model folder");
+        tracing::warn!("object {name} is not available: it has no model folder");
     }
     let is_calibrated = |name: &&str| references.get(name).is_some();
     let (calibrated, uncalibrated): (Vec<&str>, Vec<&str>) =
         library.known().map(|object| object.manifest.name.as_str()).partition(is_calibrated);
     for name in uncalibrated {
-        tracing::warn!("{name} is not served: it is not calibrated (`posed calibrate {name}`)");
+        tracing::warn!("object {name} is not available: it is not calibrated; run `posed calibrate {name}`");
     }
     tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
 }

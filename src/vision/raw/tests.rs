@@ -152,7 +152,7 @@ fn what_does_not_fit_is_refused_by_name() {
         assert!(raw(layout(text), vec![0; right]).is_ok(), "{text}");
         for length in [0, right - 1, right + 1] {
             let said = refused(text, length).to_string();
-            assert!(said.contains(&format!("'data' is {length} bytes")) && said.contains(&right.to_string()), "{said}");
+            assert!(said.contains(&format!("has {length} bytes")) && said.contains(&right.to_string()), "{said}");
         }
     }
 }

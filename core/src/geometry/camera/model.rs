@@ -43,15 +43,15 @@ pub enum CameraError {
     #[error("camera fields 'width' and 'height' must both be given, and positive")]
     Size,
     #[error(
-        "camera is calibrated for {calibrated_width}x{calibrated_height} pixels but the image is {width}x{height}; \
-         post the image as the camera took it, or a camera file for this size"
+        "camera is calibrated for {calibrated_width}x{calibrated_height} pixels, but the image is {width}x{height}; use the \
+         full frame, or a camera for this size"
     )]
     ImageSize { calibrated_width: u32, calibrated_height: u32, width: u32, height: u32 },
     #[error(
-        "camera model 'pinhole' has no distortion, but {0} coefficients were given; use model 'opencv' or 'fisheye'"
+        "camera model 'pinhole' has no distortion, but {0} coefficients are given; use model 'opencv' or 'fisheye'"
     )]
     PinholeDistortion(usize),
-    #[error("camera model '{model}' needs {expected} values in 'distortion'; {given} were given")]
+    #[error("camera field 'distortion' has {given} values; model '{model}' needs {expected}")]
     DistortionCount { model: &'static str, expected: &'static str, given: usize },
     #[error("camera field 'distortion': value {index} is not finite")]
     DistortionValue { index: usize },

@@ -1,11 +1,11 @@
-//! Every answer that is no success.
+//! The body of every error.
 
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::server::service::Failure;
 
-/// Every answer that is no success.
+/// The body of every error.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ErrorBody {
     pub error: ErrorDetail,
@@ -13,10 +13,10 @@ pub(crate) struct ErrorBody {
 
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ErrorDetail {
-    /// For programs.
+    /// Error code, for programs.
     #[schema(example = "unknown_camera")]
     code: &'static str,
-    /// For people: what is wrong, which limit or field, and what to do.
+    /// Explanation, for people: what is wrong, which field or limit, and how to fix it.
     message: String,
 }
 

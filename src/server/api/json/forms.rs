@@ -1,4 +1,4 @@
-//! What requests are made of.
+//! The types that requests are built from.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use crate::server::service::CameraChoice;
 use crate::vision::{RawError, RawLayout};
 
-/// A pose: a unit quaternion x, y, z, w, and metres.
+/// A pose: a unit quaternion (x, y, z, w) and a translation in metres.
 #[derive(Clone, Copy, Debug, serde::Deserialize, ToSchema)]
 #[schema(as = Pose)]
 #[serde(deny_unknown_fields)]
@@ -27,20 +27,21 @@ impl TryFrom<PoseForm> for Pose {
     }
 }
 
-/// A camera. Parameters are in pixels of an image of `width` x `height`, pixel centres at integers.
+/// A camera. Parameters are in pixels of an image of `width` x `height`, with pixel centres at integer coordinates.
 #[derive(ToSchema)]
 #[schema(as = Camera)]
 #[expect(dead_code, reason = "describes the JSON form of `posed_core`'s camera; a test compares them")]
 pub(crate) struct CameraForm {
     model: CameraModelForm,
-    /// Of the image that the parameters belong to. Without it no image can be found to be of another size.
+    /// Size of the image that the parameters are calibrated for. The server scales the parameters if the posted image
+    /// is the full frame resized, and rejects an image of a different shape. Omit both to skip this check.
     width: Option<u32>,
     height: Option<u32>,
     fx: f64,
     fy: f64,
     cx: f64,
     cy: f64,
-    /// `opencv`: 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`; `fisheye`: 4.
+    /// For `opencv`, 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`. For `fisheye`, 4.
     distortion: Option<Vec<f64>>,
 }
 
@@ -53,11 +54,11 @@ enum CameraModelForm {
     Pinhole,
     /// Radial, tangential and thin prism terms.
     OpenCv,
-    /// Kannala and Brandt.
+    /// Kannala-Brandt model.
     Fisheye,
 }
 
-/// For the documentation: which JSON a camera may be.
+/// The id of a registered camera, or the parameters of a camera.
 #[derive(ToSchema)]
 #[schema(as = CameraChoice)]
 #[expect(dead_code, reason = "describes JSON")]
@@ -74,14 +75,14 @@ impl<'de> Deserialize<'de> for CameraChoice {
     }
 }
 
-/// Tells an id from a camera by its first character, so that a camera's own errors are told.
+/// Distinguishes an id from a camera by the JSON type, so that errors inside a camera are reported as such.
 struct ChoiceVisitor;
 
 impl<'de> Visitor<'de> for ChoiceVisitor {
     type Value = CameraChoice;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str("the id of a registered camera, or a camera")
+        formatter.write_str("the id of a registered camera, or the parameters of a camera")
     }
 
     fn visit_str<E: de::Error>(self, id: &str) -> Result<CameraChoice, E> {
@@ -94,18 +95,19 @@ impl<'de> Visitor<'de> for ChoiceVisitor {
     }
 }
 
-/// The layout of a raw frame, as ROS `sensor_msgs/Image` names it.
+/// The layout of a raw frame, as in ROS `sensor_msgs/Image`.
 #[derive(Clone, Debug, serde::Deserialize, ToSchema)]
 #[schema(as = RawLayout)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawForm {
+    /// One of `raw_encodings` in `GET /v1/limits`.
     #[schema(example = "bgr8")]
     pub encoding: String,
-    /// Pixels.
+    /// Width in pixels.
     pub width: u32,
-    /// Pixels.
+    /// Height in pixels.
     pub height: u32,
-    /// Bytes of a row; by default as many as its pixels take.
+    /// Bytes from one row to the next. Omit this if rows have no padding.
     pub step: Option<u32>,
 }
 

@@ -1,4 +1,4 @@
-//! What the server knows, and its limits.
+//! Objects, cameras and limits of the server.
 
 use std::time::Duration;
 
@@ -9,19 +9,19 @@ use crate::model::{Method, Reference};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
 use crate::vision::{OrientationPolicy, RawEncoding};
 
-/// A known object.
+/// An object that the server knows.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ObjectReport {
     name: String,
-    /// The object's number in BOP files.
+    /// Number of the object in BOP files.
     obj_id: u32,
-    /// Whether its poses can be given.
+    /// Whether the object has a reference. Without one the server returns no poses of it.
     calibrated: bool,
-    /// Largest extent, metres.
+    /// Largest extent of the object, metres.
     diameter_m: f64,
     /// Number of virtual keypoints.
     keypoints: usize,
-    /// Whether several of its orientations look the same: then the answer is canonical.
+    /// Whether the object looks the same in several orientations. Answers then have the canonical one.
     symmetric: bool,
     /// SHA-256 of the keypoint net.
     model_sha256: String,
@@ -29,12 +29,12 @@ pub(crate) struct ObjectReport {
     reference: Option<ReferenceReport>,
 }
 
-/// How the object's frame was measured.
+/// The calibration of the object's frame.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ReferenceReport {
     #[schema(value_type = String, example = "single")]
     method: Method,
-    /// How exactly the offset is known: standard deviations over all axes.
+    /// Uncertainty of the offset: standard deviations over all axes.
     sigma_translation_m: f64,
     sigma_rotation_rad: f64,
     views: Vec<ReferenceViewReport>,
@@ -44,56 +44,62 @@ pub(crate) struct ReferenceReport {
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ReferenceViewReport {
     image: String,
-    /// Whether the offset rests on it.
+    /// Whether the offset is computed from this image.
     inlier: bool,
-    /// Distance from the offset of all.
+    /// Difference between the offset in this image and the overall offset.
     residual_deg: f64,
     residual_mm: f64,
 }
 
-/// What a request may ask for.
+/// The limits of the server. Names are those of the settings.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct LimitsReport {
-    /// Of a request in all.
+    /// Maximum size of a request body.
     max_body_bytes: usize,
-    /// Of the part `request` of a form.
+    /// Maximum size of the part `request` of a form.
     max_json_bytes: usize,
+    /// Maximum width and height of an image.
     max_side_px: u32,
+    /// Maximum number of pixels of an image.
     max_pixels: u64,
+    /// Maximum number of images in a request to `/v1/poses/batch`.
     max_batch_images: usize,
-    /// Images in work or waiting.
+    /// Maximum number of images that are waiting or in progress.
     queue: usize,
-    /// Bytes of bodies, from their announcement until they are answered.
+    /// Maximum size of all request bodies together. A body counts until its answer has left.
     queue_bytes: usize,
-    /// Bytes of decoded images, and of decoding.
+    /// Maximum memory for decoded images and for decoding.
     pixel_bytes: usize,
+    /// Default time limit of a request.
     timeout_ms: u64,
+    /// Maximum time limit that a request can set.
     max_timeout_ms: u64,
-    /// A client that sends nothing of its body for so long is cut off.
+    /// Maximum time that a client can pause while it sends a body.
     body_timeout_ms: u64,
+    /// Content types of encoded images.
     image_formats: [&'static str; 3],
-    /// Of raw frames, as ROS names them.
+    /// Encodings of raw frames, with their names in ROS.
     raw_encodings: Vec<String>,
-    /// What happens to an image that asks to be turned.
+    /// How the server treats images with an EXIF orientation: `refuse`, `apply` or `ignore`.
     #[schema(value_type = String, example = "refuse")]
     exif_orientation: OrientationPolicy,
     memory: MemoryReport,
 }
 
-/// What the server's process takes at most, whatever its clients do.
+/// Upper bound of the resident memory of the server process, whatever its clients do.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct MemoryReport {
-    /// All of the following.
+    /// Sum of the following.
     bound_bytes: u64,
-    /// Resident once the workers were warmed up.
+    /// Resident memory after the start, with all networks loaded.
     warm_bytes: u64,
-    /// Bodies (`queue_bytes`).
+    /// Request bodies (`queue_bytes`).
     bodies_bytes: u64,
-    /// Decoded images, and decoding (`pixel_bytes`).
+    /// Decoded images and decoding (`pixel_bytes`).
     pixels_bytes: u64,
-    /// Crops in the workers' hands.
+    /// Crops that the workers hold.
     workers_bytes: u64,
-    /// Buffers of connections.
+    /// Connection buffers (`max_connections`).
     connections_bytes: u64,
 }
 

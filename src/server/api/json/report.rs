@@ -1,4 +1,4 @@
-//! An answer in the form that leaves the program as JSON.
+//! An answer as JSON.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,43 +14,43 @@ use crate::estimator::{Answer, CallerFrames, ObjectPose, SolvedKeypoint, SolvedP
 use crate::model::{ModelsInUse, Provider};
 use crate::vision::Exif;
 
-/// What an answer says beside its poses.
+/// What a report contains besides the estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct ReportContext<'a> {
     pub models: &'a ModelsInUse,
-    /// Frames that the caller wants the poses in, beside the camera's.
+    /// Frames of the caller, in which poses are reported in addition to the camera frame.
     pub frames: &'a CallerFrames,
-    /// The caller's own mark of the image.
+    /// The caller's label of the image.
     pub captured_at: Option<&'a str>,
 }
 
 /// The 6D poses of the objects in one image.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Report {
-    /// Axes of every pose: OpenCV's optical frame.
+    /// The camera frame: OpenCV's optical frame.
     #[schema(example = "camera: x right, y down, z forward (OpenCV)")]
     pub frame: &'static str,
     #[schema(example = "metres, radians, pixels")]
     pub units: &'static str,
-    /// As it was given with the request.
+    /// Copy of `captured_at` of the request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub captured_at: Option<String>,
     pub image: ImageReport,
-    /// The most trusted first.
+    /// Sorted by status, then by detection score: the most trusted pose comes first.
     pub poses: Vec<PoseReport>,
     pub timings_ms: TimingsReport,
     pub models: ModelsReport,
 }
 
-/// The image as it was read.
+/// The image as decoded.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ImageReport {
     pub width: u32,
     pub height: u32,
-    /// How the file asks to be turned, where it does.
+    /// Present if the image has an EXIF orientation other than "as stored".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exif: Option<ExifReport>,
-    /// Width and height that the camera was calibrated for, where its parameters were scaled to this image.
+    /// Size (width, height) that the camera is calibrated for. Present if the server scaled its parameters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_scaled_from: Option<[u32; 2]>,
 }
@@ -58,80 +58,81 @@ pub struct ImageReport {
 /// An EXIF orientation other than "as stored".
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ExifReport {
-    /// 2..=8.
+    /// EXIF orientation, 2 to 8.
     pub orientation: u8,
-    /// Whether the image was turned, and the camera and all pixels mean the turned image; else they mean the stored one.
+    /// Whether the server rotated the image. If true, the camera and all pixels refer to the rotated image, otherwise
+    /// to the stored one.
     pub applied: bool,
 }
 
-/// One detected object. Fields of the pose are absent when no pose could be solved.
+/// One detected object. The fields of the pose are absent if no pose could be solved.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct PoseReport {
     pub object: String,
     pub status: StatusForm,
-    /// Why the status is not `ok`.
+    /// Reasons for a status other than `ok`.
     pub reasons: Vec<ReasonForm>,
-    /// The weakest of detection score, share of agreeing keypoints, and weight among the alternatives; 0 where rejected.
+    /// The smallest of the detection score, the share of inliers among the keypoints, and `weight`. 0 for `rejected`.
     pub confidence: f64,
     pub detection: DetectionReport,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub solved: Option<SolvedReport>,
 }
 
-/// What the detector saw.
+/// What the detector found.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct DetectionReport {
-    /// Box of the visible part: x, y, width, height in pixels.
+    /// Box of the visible part of the object: x, y, width, height in pixels.
     pub box_px: [f64; 4],
-    /// 0..1.
+    /// Detector score, 0..1.
     pub score: f64,
 }
 
-/// A solved pose with what speaks for it.
+/// A solved pose and its evidence.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct SolvedReport {
     pub camera_from_object: TransformReport,
-    /// 6x6, row-major; x, y, z (m²), rotation about x, y, z (rad²), along the axes of the camera frame, as in ROS
-    /// `geometry_msgs/PoseWithCovariance`.
+    /// 6x6 matrix, row-major: x, y, z (m²), rotation about x, y, z (rad²), along the axes of the camera frame, as in
+    /// ROS `geometry_msgs/PoseWithCovariance`.
     pub covariance: [[f64; 6]; 6],
-    /// Present where the request gave `world_from_camera`.
+    /// Present if the request has `world_from_camera`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_from_object: Option<PlacedReport>,
-    /// Present where the request gave `base_from_camera`.
+    /// Present if the request has `base_from_camera`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub base_from_object: Option<PlacedReport>,
-    /// Root mean square distance of the agreeing keypoints from their projections.
+    /// Root mean square reprojection error of the inliers.
     pub reprojection_rmse_px: f64,
-    /// Number of keypoints that the pose rests on.
+    /// Number of keypoints that the pose is computed from.
     pub inliers: usize,
     pub keypoints: Vec<KeypointReport>,
-    /// Posterior weight among the alternatives, 0..1.
+    /// Posterior weight of this pose relative to the alternatives, 0..1.
     pub weight: f64,
-    /// Other poses that explain the image.
+    /// Other poses that explain the image about as well.
     pub alternatives: Vec<AlternativeReport>,
 }
 
-/// One keypoint as the network sees it.
+/// One keypoint as found by the network.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct KeypointReport {
-    /// u, v in pixels of the posted image.
+    /// Position (u, v) in the posted image, pixels.
     pub pixel: [f64; 2],
-    /// Distance from the pose's projection.
+    /// Distance from the projection of the pose.
     pub residual_px: f64,
-    /// Probability mass about the keypoint, 0..1.
+    /// Probability mass around the keypoint, 0..1.
     pub peak: f64,
-    /// Whether the pose rests on it.
+    /// Whether the pose is computed from this keypoint.
     pub inlier: bool,
 }
 
-/// Another pose that explains the image.
+/// Another pose that explains the image about as well.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct AlternativeReport {
     pub camera_from_object: TransformReport,
     pub weight: f64,
 }
 
-/// Milliseconds spent in each stage. Images that were worked on together share the time of the keypoint nets.
+/// Milliseconds spent in each stage. Images that the server processes together share the time of the keypoint nets.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct TimingsReport {
     pub queue: f64,
@@ -140,18 +141,18 @@ pub struct TimingsReport {
     pub keypoints: f64,
     pub pnp: f64,
     pub total: f64,
-    /// Images that were worked on together.
+    /// Number of images that the server processed together, including this one.
     pub batch_size: usize,
 }
 
-/// Which networks answered, and what they ran on.
+/// The networks that produced an answer.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct ModelsReport {
     #[schema(value_type = String, example = "cpu")]
     pub provider: Provider,
-    /// SHA-256 of the detector's file.
+    /// SHA-256 of the detector file.
     pub detector: String,
-    /// SHA-256 of each object's keypoint net.
+    /// SHA-256 of the keypoint net of each object, by object name.
     pub keypoints: BTreeMap<String, String>,
 }
 
@@ -242,7 +243,7 @@ impl From<&SolvedKeypoint> for KeypointReport {
     }
 }
 
-/// Figures for people: more digits would only be noise.
+/// Rounds to three decimals: further digits are noise.
 fn round(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }

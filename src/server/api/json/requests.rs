@@ -1,4 +1,4 @@
-//! What the part `request` of a form may say.
+//! The part `request` of a form.
 
 use posed_core::calibration::Mode;
 use serde::Deserialize;
@@ -10,33 +10,33 @@ use crate::estimator::CallerFrames;
 use crate::server::service::{CameraChoice, Failure, KnownView, PoseRequest};
 use crate::vision::RawLayout;
 
-/// The part `request` of a form. Unknown fields are refused.
+/// The part `request` of a form. Unknown fields are an error.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct EstimateRequest {
     /// Id of a registered camera, or a camera.
     #[schema(value_type = CameraChoiceForm)]
     camera: Option<CameraChoice>,
-    /// Names of the objects to look for; all calibrated ones by default.
+    /// Names of the objects to look for. Omit this to look for all calibrated objects.
     objects: Option<Vec<String>>,
-    /// At most this many of each object.
+    /// Maximum number of poses of each object. Omit this for no maximum.
     #[schema(minimum = 1)]
     max_instances: Option<usize>,
-    /// Poses with less confidence are left out, 0..1.
+    /// Minimum confidence, 0..1. The answer omits poses below it.
     #[schema(minimum = 0, maximum = 1)]
     min_confidence: Option<f64>,
-    /// The camera's pose in the world: then the answer has poses in the world's frame, too.
+    /// Pose of the camera in the world frame. If set, the answer also has each pose in the world frame.
     world_from_camera: Option<PoseForm>,
-    /// The camera's pose in the robot's base: then the answer has poses in the base's frame, too.
+    /// Pose of the camera in the frame of the robot's base. If set, the answer also has each pose in the base frame.
     base_from_camera: Option<PoseForm>,
-    /// Your own mark of the image, such as its capture time: given back as it is, at most 64 characters.
+    /// Your label for the image, such as its capture time. The answer repeats it. At most 64 characters.
     captured_at: Option<String>,
-    /// The part `image` is a raw frame of this layout, not an encoded image.
+    /// Layout of the part `image`, if that is a raw frame. Omit this for an encoded image.
     raw: Option<RawForm>,
 }
 
 impl EstimateRequest {
-    /// What is asked, and the layout of a raw frame.
+    /// Splits the form into the request and the layout of a raw frame.
     pub(crate) fn translate(self) -> Result<(PoseRequest, Option<RawLayout>), Failure> {
         let frame = |field, form: Option<PoseForm>| form.map(|form| Failure::or_pose(field, form)).transpose();
         let frames = CallerFrames {
@@ -50,13 +50,13 @@ impl EstimateRequest {
     }
 }
 
-/// One set of options for all images of a form, or one for each.
+/// One set of options for all images of a form, or one for each image.
 #[derive(Deserialize)]
 #[serde(transparent)]
 pub(crate) struct BatchRequest(Box<RawValue>);
 
 impl BatchRequest {
-    /// One request for each image. One that cannot be read spoils its own image alone.
+    /// Returns one request for each image. An unreadable one fails its own image only.
     pub(crate) fn for_each(&self, images: usize) -> Result<Vec<Result<EstimateRequest, Failure>>, Failure> {
         let bad = |error: serde_json::Error| Failure::invalid(format!("part 'request': {error}"));
         let text = self.0.get();
@@ -66,44 +66,46 @@ impl BatchRequest {
         }
         let list: Vec<&RawValue> = serde_json::from_str(text).map_err(bad)?;
         if list.len() != images {
-            let message = format!("part 'request' lists {} options for {images} images", list.len());
+            let given = list.len();
+            let message = format!("part 'request' lists {given} options for {images} images; list one for each image");
             return Err(Failure::invalid(message));
         }
         Ok(list.into_iter().map(|one| serde_json::from_str(one.get()).map_err(bad)).collect())
     }
 }
 
-/// The part `request` of a recalibration. Unknown fields are refused.
+/// The part `request` of a recalibration. Unknown fields are an error.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ReferenceRequest {
-    /// One entry for each part `image`, in order.
+    /// One entry for each part `image`, in the same order.
     references: Vec<ReferenceImage>,
-    /// `weighted` (default) or `paper`: how several images become one offset.
+    /// How several images are averaged: `weighted` (default) weights each image by its information, `paper` does not.
     #[serde(default)]
     #[schema(value_type = String, example = "weighted")]
     pub mode: Mode,
 }
 
-/// What is known of one reference image.
+/// The known facts about one reference image.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct ReferenceImage {
     /// Id of a registered camera, or a camera.
     #[schema(value_type = CameraChoiceForm)]
     camera: CameraChoice,
-    /// The object's pose in this image.
+    /// Pose of the object in this image.
     camera_from_object: PoseForm,
-    /// The object's box: x, y, width, height in pixels. By default the only one that the detector sees.
+    /// Box of the object: x, y, width, height in pixels. Omit this if the detector finds the object exactly once.
     box_px: Option<[f64; 4]>,
 }
 
 impl ReferenceRequest {
-    /// The images with what is known of them.
+    /// Combines the images with their known facts.
     pub(crate) fn views(self, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
         if images.is_empty() || images.len() != self.references.len() {
             let (images, references) = (images.len(), self.references.len());
-            let message = format!("{images} parts 'image' for {references} entries in 'references'");
+            let message =
+                format!("{images} parts 'image' for {references} entries in 'references'; send one image for each");
             return Err(Failure::invalid(message));
         }
         let known = |(image, known): (bytes::Bytes, ReferenceImage)| {

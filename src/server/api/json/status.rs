@@ -10,11 +10,12 @@ use super::report::ModelsReport;
 use crate::model::ModelsInUse;
 use crate::server::service::{Latency, Limits, StatusSnapshot};
 
-/// How the server is doing.
+/// The current state of the server.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct StatusReport {
+    /// Whether the server accepts requests.
     ready: bool,
-    /// Why it is not ready.
+    /// Reason why the server is not ready.
     #[serde(skip_serializing_if = "Option::is_none")]
     trouble: Option<&'static str>,
     queue: QueueReport,
@@ -26,34 +27,35 @@ pub(crate) struct StatusReport {
 
 #[derive(Serialize, ToSchema)]
 struct QueueReport {
-    /// In work or waiting.
+    /// Images that are waiting or in progress.
     images: usize,
     max_images: usize,
-    /// Of bodies whose images are not decoded yet.
+    /// Size of all request bodies whose images are not decoded yet.
     body_bytes: usize,
     max_body_bytes: usize,
 }
 
 #[derive(Serialize, ToSchema)]
 struct WorkersReport {
+    /// Workers that are ready to process images.
     ready: usize,
-    /// Since the start, each after a fault.
+    /// Number of worker restarts since the start of the server. Each follows a fault.
     restarts: u64,
 }
 
-/// Requests for poses, on every protocol.
+/// Requests for poses in the last minute, over HTTP and gRPC.
 #[derive(Serialize, ToSchema)]
 struct LastMinuteReport {
-    /// `ok`, or an error's code.
+    /// Number of requests by outcome: `ok` or an error code.
     #[schema(value_type = BTreeMap<String, usize>)]
     outcomes: BTreeMap<&'static str, usize>,
-    /// Successes.
+    /// Successful requests per second.
     requests_per_second: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     latency_ms: Option<LatencyReport>,
 }
 
-/// Quantiles of the successes.
+/// Latency quantiles of the successful requests.
 #[derive(Serialize, ToSchema)]
 struct LatencyReport {
     p50: f64,
@@ -64,7 +66,7 @@ struct LatencyReport {
 #[derive(Serialize, ToSchema)]
 struct MemoryInUse {
     resident_bytes: u64,
-    /// What it stays under; `/v1/limits` says why.
+    /// Upper bound of `resident_bytes`. `GET /v1/limits` has its parts.
     bound_bytes: u64,
 }
 

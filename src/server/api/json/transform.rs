@@ -4,22 +4,22 @@ use posed_core::geometry::{Covariance6, Pose};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// A transform in both common forms.
+/// A transform, as quaternion with translation and as matrix.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct TransformReport {
-    /// Unit, w >= 0.
+    /// Unit quaternion with w >= 0.
     pub rotation_xyzw: [f64; 4],
     pub translation_m: [f64; 3],
-    /// Homogeneous, row-major.
+    /// Homogeneous 4x4 matrix, row-major.
     pub matrix: [[f64; 4]; 4],
 }
 
-/// A pose in a frame of the caller.
+/// A pose in one of your frames.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct PlacedReport {
     #[serde(flatten)]
     pub transform: TransformReport,
-    /// Along the axes of the caller's frame. The caller's own transform counts as exact.
+    /// Covariance along the axes of your frame. Your transform is taken as exact.
     pub covariance: [[f64; 6]; 6],
 }
 

@@ -1,4 +1,4 @@
-//! Statuses and reasons as answers name them.
+//! Statuses and reasons in answers.
 
 use posed_core::pnp::Status;
 use serde::Serialize;
@@ -6,39 +6,39 @@ use utoipa::ToSchema;
 
 use crate::estimator::Reason;
 
-/// How far a pose can be trusted, the most trusted first.
+/// How far you can trust a pose, from most to least trusted.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Status)]
 pub enum StatusForm {
     /// The evidence agrees with the pose and with no other.
     Ok,
-    /// Another pose explains the image about as well; see the alternatives.
+    /// Another pose explains the image about as well. See `alternatives`.
     Ambiguous,
-    /// The best pose there is, on thin evidence.
+    /// This is the best pose, but the evidence is thin.
     LowConfidence,
-    /// The evidence contradicts the pose. It is given for logging, not for acting on.
+    /// The evidence contradicts the pose. Log it, but do not act on it.
     Rejected,
 }
 
-/// Why a status is not `ok`.
+/// Reason for a status other than `ok`.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Reason)]
 pub enum ReasonForm {
     /// Too few keypoints agree with the pose.
     FewInliers,
-    /// The keypoints scatter more about the pose than their covariances allow.
+    /// The keypoints are further from the pose than their covariances allow.
     HighResidual,
-    /// A second pose, far from the first, has a comparable cost.
+    /// A second, very different pose fits the keypoints about as well.
     PlanarAmbiguity,
-    /// The keypoints of the pose do not lie where the detector saw the object.
+    /// The pose is not where the detector found the object.
     BoxMismatch,
     /// The network is unsure of most keypoints.
     WeakKeypoints,
     /// No pose puts the keypoints in front of the camera.
     NoPose,
-    /// The evidence leaves the pose loose: see its covariance.
+    /// The pose is uncertain. See its covariance.
     UncertainPose,
 }
 

@@ -37,7 +37,7 @@ pub(crate) fn request(message: proto::EstimateRequest) -> Result<PoseRequest, Fa
 pub(crate) fn image(encoded: Bytes, raw: Option<proto::RawImage>) -> Result<Image, Failure> {
     let Some(raw) = raw else { return Ok(Image::Encoded(encoded)) };
     if !encoded.is_empty() {
-        return Err(Failure::invalid("fields 'image' and 'raw_image' are both set; give one of them"));
+        return Err(Failure::invalid("fields 'image' and 'raw_image' are both set; set only one of them"));
     }
     let proto::RawImage { encoding, width, height, step, data } = raw;
     let raw = encoding.parse().and_then(|encoding| {
@@ -48,11 +48,14 @@ pub(crate) fn image(encoded: Bytes, raw: Option<proto::RawImage>) -> Result<Imag
 
 fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
     let pinhole = Camera::pinhole(camera.fx, camera.fy, camera.cx, camera.cy)?;
-    let model = Model::try_from(camera.model).map_err(|_| Failure::invalid("camera field 'model' is unknown"))?;
+    let model =
+        Model::try_from(camera.model).map_err(|_| Failure::invalid("camera field 'model' is not a known model"))?;
     let with_lens = match model {
         Model::Unspecified | Model::Pinhole if camera.distortion.is_empty() => pinhole,
         Model::Unspecified | Model::Pinhole => {
-            return Err(Failure::invalid("camera field 'distortion' needs 'model' MODEL_OPENCV or MODEL_FISHEYE"));
+            return Err(Failure::invalid(
+                "camera field 'distortion' is set; set 'model' to MODEL_OPENCV or MODEL_FISHEYE",
+            ));
         }
         Model::Opencv => pinhole.with_opencv_distortion(&camera.distortion)?,
         Model::Fisheye => pinhole.with_fisheye_distortion(&camera.distortion)?,
