@@ -2,11 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use posed::proto::ListObjectsRequest;
 use posed::proto::pose_service_client::PoseServiceClient;
+use posed::proto::{EstimateRequest, ListObjectsRequest};
 use serde_json::Value;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
+use tonic::Code;
+use tonic_types::StatusExt as _;
 
 use crate::support::{CAMERA, Server, assert_still_works, json, post, read, samples};
 
@@ -61,6 +63,14 @@ async fn what_finds_no_room_is_refused_before_its_upload() {
     // Whoever sends first and reads later comes to read the answer, too.
     let simple = rest(send(&server, "content-length: 1900000", &vec![0; 1_900_000]).await).await;
     assert!(simple.starts_with("HTTP/1.1 429"), "{simple}");
+    let mut grpc = PoseServiceClient::connect(format!("http://{}", server.grpc)).await.unwrap();
+    let large = EstimateRequest { image: vec![0; 1_900_000].into(), ..EstimateRequest::default() };
+    let status = grpc.estimate(large).await.unwrap_err();
+    assert_eq!(status.code(), Code::ResourceExhausted);
+    assert!(status.get_details_retry_info().is_some(), "{status}");
+    let metrics = reqwest::get(server.admin_url("/metrics")).await.unwrap().text().await.unwrap();
+    let counted = "posed_requests_total{protocol=\"grpc\",route=\"Estimate\",outcome=\"queue_full\"} 1";
+    assert!(metrics.contains(counted), "{metrics}");
     assert_still_works(&server).await;
     for stream in stalled {
         let answer = rest(stream).await;

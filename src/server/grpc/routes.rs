@@ -36,19 +36,27 @@ const HEALTH_INTERVAL: Duration = Duration::from_millis(500);
 
 async fn router(context: Arc<Context>) -> Result<Router, Box<dyn Error + Send + Sync>> {
     let (health, health_service) = tonic_health::server::health_reporter();
-    let reflection = tonic_reflection::server::Builder::configure()
-        .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
-        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-        .build_v1()?;
+    // Older tools speak the first version alone.
+    let (reflection, reflection_v1alpha) = (reflection().build_v1()?, reflection().build_v1alpha()?);
     let limit = context.service.limits.max_body_bytes + MESSAGE_OVERHEAD_BYTES;
     let calls = Calls { service: Arc::clone(&context.service), stopping: context.stopping.clone() };
     let poses = PoseServiceServer::new(calls).max_decoding_message_size(limit);
     // Before the first call can ask: else it may hear of a service that is not up for as long as HEALTH_INTERVAL.
     report_health(&context.readiness, &health).await;
     tokio::spawn(keep_reporting_health(context.readiness.clone(), health));
-    let routes = Routes::new(health_service).add_service(reflection).add_service(poses).prepare();
+    let routes = Routes::new(health_service)
+        .add_service(reflection)
+        .add_service(reflection_v1alpha)
+        .add_service(poses)
+        .prepare();
     let admit = middleware::from_fn_with_state(upload::Admitting::new(&context.service, limit), upload::admit);
     Ok(routes.into_axum_router().layer(CatchPanicLayer::custom(panicked)).layer(admit))
+}
+
+fn reflection() -> tonic_reflection::server::Builder<'static> {
+    tonic_reflection::server::Builder::configure()
+        .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
 }
 
 /// Keeps the health service at what the probes say, until the program ends.

@@ -3,6 +3,7 @@
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::Instant;
 
 use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
@@ -16,7 +17,7 @@ use tracing::Instrument as _;
 use crate::estimator::BodyLease;
 use crate::server::body::{Held, Stall};
 use crate::server::observe::span;
-use crate::server::service::{Failure, FailureKind, Service};
+use crate::server::service::{Answered, Failure, FailureKind, Service};
 
 /// The room of a call's messages, for its handler to pass on.
 #[derive(Clone)]
@@ -50,13 +51,13 @@ pub(super) async fn admit(State(admitting): State<Admitting>, request: Request, 
     };
     let (mut parts, body) = request.into_parts();
     parts.extensions.insert(Lease(Arc::clone(&lease)));
-    let single = route != "EstimateStream";
     let stall = Stall::new(admitting.service.limits.body_timeout);
     let messages = Messages {
         body,
         lease: Arc::clone(&lease),
         admitting,
-        single,
+        route,
+        start: Instant::now(),
         begun: false,
         frame: Prefixed::default(),
         stall,
@@ -71,8 +72,8 @@ struct Messages {
     body: Body,
     lease: Arc<BodyLease>,
     admitting: Admitting,
-    /// One message, and the call is complete.
-    single: bool,
+    route: &'static str,
+    start: Instant,
     /// Whether anything has come.
     begun: bool,
     frame: Prefixed,
@@ -85,15 +86,29 @@ impl Messages {
         while let Some(length) = self.frame.next_length(&mut data) {
             // Larger ones are refused by the decoder, unread.
             if length <= self.admitting.limit {
-                self.admitting.service.admit_message(&self.lease, length, self.single)?;
+                let admitted = self.admitting.service.admit_message(&self.lease, length, self.is_single());
+                admitted.map_err(|failure| self.refuse(failure))?;
             }
         }
         Ok(())
     }
 
+    /// Ends the call before its handler has it.
+    fn refuse(&self, failure: Failure) -> Status {
+        let (outcome, duration) = (failure.kind.name(), self.start.elapsed());
+        let (route, for_poses) = (self.route, true);
+        self.admitting.service.answered(&Answered { protocol: "grpc", route, for_poses, outcome, duration });
+        failure.into()
+    }
+
+    /// One message, and the call is complete.
+    fn is_single(&self) -> bool {
+        self.route != "EstimateStream"
+    }
+
     /// Whether the client owes us something now; between the frames of a stream it may be silent.
     fn is_due(&self) -> bool {
-        self.frame.is_inside() || (self.single && !self.begun)
+        self.frame.is_inside() || (self.is_single() && !self.begun)
     }
 }
 
@@ -110,7 +125,7 @@ impl HttpBody for Messages {
             }
             Poll::Ready(Some(Err(error))) => Poll::Ready(Some(Err(Status::from_error(error.into())))),
             Poll::Ready(None) => Poll::Ready(None),
-            Poll::Pending if self.is_due() => self.stall.poll(context).map(|()| Some(Err(stalled().into()))),
+            Poll::Pending if self.is_due() => self.stall.poll(context).map(|()| Some(Err(self.refuse(stalled())))),
             Poll::Pending => Poll::Pending,
         }
     }

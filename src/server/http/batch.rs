@@ -51,7 +51,9 @@ struct ItemReport {
         (status = 200, description = "One item for each image, with its own status", body = BatchReport),
         (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
         (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
+        (status = 415, description = "The body is not a form", body = ErrorBody),
         (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (status = 500, description = "The server failed on this request", body = ErrorBody),
         (status = 504, description = "The body did not arrive in time, or stalled", body = ErrorBody),
     )
 )]

@@ -94,7 +94,13 @@ pub(super) async fn read_form<T: DeserializeOwned>(
     request: Request,
     deadline: Instant,
 ) -> Result<Form<T>, Failure> {
-    in_time(deadline, parts(service, request)).await?
+    match Kind::of(request.headers())? {
+        Kind::Form => in_time(deadline, parts(service, request)).await?,
+        Kind::Image => {
+            let message = "this path takes multipart/form-data with the parts 'image' and 'request'";
+            Err(Failure::new(FailureKind::UnsupportedFormat, message))
+        }
+    }
 }
 
 async fn parts<T: DeserializeOwned>(service: &Service, request: Request) -> Result<Form<T>, Failure> {

@@ -27,8 +27,12 @@ use crate::server::service::{Failure, Recalibration, Service};
         (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
         (status = 403, description = "The server runs without `--recalibration`", body = ErrorBody),
         (status = 404, description = "The object or the camera is unknown", body = ErrorBody),
+        (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
+        (status = 415, description = "The body is not a form", body = ErrorBody),
         (status = 422, description = "The object cannot be measured in an image, or images disagree", body = ErrorBody),
         (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (status = 500, description = "The server failed on this request", body = ErrorBody),
+        (status = 504, description = "No answer in time, or the body stalled", body = ErrorBody),
     )
 )]
 pub(super) async fn replace(
