@@ -32,8 +32,9 @@ pub(super) struct Pixels {
     pub decode: Duration,
 }
 
-/// What an image needs room for, whose picture is drawn and encoded after it was answered: it, its drawing and the file.
-const KEPT_IMAGES: u64 = 3;
+/// What an image needs room for, whose picture is drawn and encoded after it was answered: it, what the encoder buffers, and
+/// the file, which may be larger than its pixels.
+const KEPT_IMAGES: u64 = 4;
 
 /// The pool that decodes. Its threads are the async runtime's for blocking work.
 #[derive(Clone, Debug)]

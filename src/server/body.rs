@@ -1,7 +1,7 @@
 //! Bodies in both directions, as every front end needs them.
 
 use std::pin::Pin;
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use axum::body::{Body, HttpBody};
@@ -52,14 +52,19 @@ pub(super) fn drain(mut body: Body, most_bytes: usize, time: Duration) {
 }
 
 /// An answer's body that keeps something until it has left, or its client.
+///
+/// It leaves in slices: a large piece would be taken over whole, and what it keeps be let go before the client has read it.
 pub(super) struct Held<T> {
     body: Body,
+    rest: Bytes,
     _held: T,
 }
 
+const SLICE: usize = 64 * 1024;
+
 impl<T: Send + Unpin + 'static> Held<T> {
     pub(super) fn body(body: Body, held: T) -> Body {
-        Body::new(Self { body, _held: held })
+        Body::new(Self { body, rest: Bytes::new(), _held: held })
     }
 }
 
@@ -71,14 +76,30 @@ impl<T: Unpin> HttpBody for Held<T> {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(context)
+        if self.rest.is_empty() {
+            match ready!(Pin::new(&mut self.body).poll_frame(context)) {
+                Some(Ok(frame)) => match frame.into_data() {
+                    Ok(data) => self.rest = data,
+                    Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
+                },
+                other => return Poll::Ready(other),
+            }
+        }
+        let length = self.rest.len().min(SLICE);
+        Poll::Ready(Some(Ok(Frame::data(self.rest.split_to(length)))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
+        self.rest.is_empty() && self.body.is_end_stream()
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+        let (hint, rest) = (self.body.size_hint(), self.rest.len() as u64);
+        let mut sum = SizeHint::new();
+        sum.set_lower(hint.lower() + rest);
+        if let Some(upper) = hint.upper() {
+            sum.set_upper(upper + rest);
+        }
+        sum
     }
 }

@@ -28,9 +28,7 @@ const HTTP2_STREAMS: u32 = 64;
 const HTTP2_STREAM_WINDOW: u32 = 128 * 1024;
 const HTTP2_CONNECTION_WINDOW: u32 = 256 * 1024;
 const HTTP2_SEND_BUFFER: usize = 64 * 1024;
-const HTTP2_HEADERS: u32 = 16 * 1024;
-/// What an open call takes beside its body: its task, its headers.
-const STREAM_BYTES: u64 = 8 * 1024;
+const HTTP2_HEADERS: u32 = 8 * 1024;
 
 impl Protocol {
     /// What one connection takes at most, beside the bodies that were admitted.
@@ -38,9 +36,8 @@ impl Protocol {
         match self {
             // Read and write buffer, and an answer on its way.
             Self::Http1 => 3 * HTTP1_BUFFER as u64,
-            Self::Http2 => {
-                u64::from(HTTP2_CONNECTION_WINDOW) + HTTP2_SEND_BUFFER as u64 + u64::from(HTTP2_STREAMS) * STREAM_BYTES
-            }
+            // Open calls are counted by whoever answers them.
+            Self::Http2 => u64::from(HTTP2_CONNECTION_WINDOW) + HTTP2_SEND_BUFFER as u64,
         }
     }
 }

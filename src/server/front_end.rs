@@ -18,6 +18,8 @@ pub(super) struct FrontEnd {
     pub name: &'static str,
     pub protocol: Protocol,
     pub address: fn(&Config) -> SocketAddr,
+    /// What all its open requests take at most, beside their bodies and connections.
+    pub requests_bytes: u64,
     pub router: fn(Arc<Context>) -> Making,
 }
 

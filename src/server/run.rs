@@ -112,7 +112,9 @@ fn connection_limits(config: &Config) -> ConnectionLimits {
 
 /// What all connections may take.
 fn connections(limits: ConnectionLimits) -> Connections {
-    let of_ports = FRONT_ENDS.iter().map(|front_end| limits.most as u64 * front_end.protocol.connection_bytes());
+    let of_ports = FRONT_ENDS
+        .iter()
+        .map(|front_end| limits.most as u64 * front_end.protocol.connection_bytes() + front_end.requests_bytes);
     Connections { bytes: of_ports.sum::<u64>() + ADMIN_CONNECTIONS as u64 * Protocol::Http1.connection_bytes() }
 }
 

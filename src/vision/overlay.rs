@@ -77,7 +77,9 @@ fn draw_pose(image: &mut RgbImage, camera: &Camera, pose: &PoseMark, colour: [u8
 /// # Errors
 /// When the encoder fails.
 pub fn encode(image: &RgbImage, format: ImageFormat) -> Result<Vec<u8>, ImageError> {
-    let mut bytes = Cursor::new(Vec::new());
+    // Noise grows a little; a buffer that grew by doubling would take as much again.
+    let size = image.as_raw().len();
+    let mut bytes = Cursor::new(Vec::with_capacity(size + size / 16));
     if format == ImageFormat::Jpeg {
         image.write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY))?;
     } else {

@@ -12,7 +12,6 @@ use super::answer::{estimate, observe};
 use super::stream;
 use super::timeout::grpc_timeout;
 use super::upload::Lease;
-use crate::estimator::BodyLease;
 use crate::proto;
 use crate::server::api::proto::known_object;
 use crate::server::service::{Failure, FailureKind, Service};
@@ -32,7 +31,7 @@ impl proto::pose_service_server::PoseService for Calls {
         request: Request<proto::EstimateRequest>,
     ) -> Result<Response<proto::EstimateResponse>, Status> {
         let start = Instant::now();
-        let body = lease(&request)?;
+        let body = lease(&request)?.body;
         let answer = match grpc_timeout(request.metadata()) {
             Ok(asked) => estimate(&self.service, request.into_inner(), body, self.service.deadline(asked)).await,
             Err(failure) => Err(failure),
@@ -46,8 +45,8 @@ impl proto::pose_service_server::PoseService for Calls {
         request: Request<Streaming<proto::EstimateStreamRequest>>,
     ) -> Result<Response<Self::EstimateStreamStream>, Status> {
         let (responses, stream) = tokio::sync::mpsc::channel(1);
-        let body = lease(&request)?;
-        let frames = stream::Frames::new(Arc::clone(&self.service), body, responses);
+        let lease = lease(&request)?;
+        let frames = stream::Frames::new(Arc::clone(&self.service), lease, responses);
         let run = frames.run(request.into_inner(), self.stopping.clone());
         tokio::spawn(run.instrument(tracing::Span::current()));
         Ok(Response::new(ReceiverStream::new(stream)))
@@ -63,8 +62,8 @@ impl proto::pose_service_server::PoseService for Calls {
 }
 
 /// The room that a call's messages take.
-fn lease<T>(request: &Request<T>) -> Result<Arc<BodyLease>, Failure> {
-    let lease = request.extensions().get::<Lease>().map(|Lease(lease)| Arc::clone(lease));
+fn lease<T>(request: &Request<T>) -> Result<Lease, Failure> {
+    let lease = request.extensions().get::<Lease>().cloned();
     // Every call is behind `admit`.
     lease.ok_or_else(|| Failure::new(FailureKind::Internal, "the call was not admitted"))
 }

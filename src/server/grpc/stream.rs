@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use prost::Message as _;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 use tonic::{Code, Status, Streaming};
 
 use super::answer::{estimate, observe};
 use super::failure::code;
+use super::upload::Lease;
 use crate::estimator::BodyLease;
 use crate::proto::estimate_stream_request::Kind;
 use crate::proto::estimate_stream_response::Result as FrameResult;
@@ -31,7 +31,7 @@ struct LeasedFrame {
 pub(super) struct Frames {
     service: Arc<Service>,
     /// Of messages that are on their way.
-    body: Arc<BodyLease>,
+    lease: Lease,
     responses: Responses,
     /// Frames in work. Dropped with a caller that leaves, and then no longer worked on.
     in_work: JoinSet<()>,
@@ -43,10 +43,10 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    pub(super) fn new(service: Arc<Service>, body: Arc<BodyLease>, responses: Responses) -> Self {
+    pub(super) fn new(service: Arc<Service>, lease: Lease, responses: Responses) -> Self {
         Self {
             service,
-            body,
+            lease,
             responses,
             in_work: JoinSet::new(),
             waiting: None,
@@ -106,7 +106,7 @@ impl Frames {
     }
 
     async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
-        let body = Arc::new(self.body.split(request.encoded_len()));
+        let body = Arc::new(self.lease.next_message());
         match request.kind {
             Some(Kind::Settings(settings)) => self.set(settings),
             Some(Kind::Frame(frame)) => {

@@ -1,7 +1,8 @@
 //! Messages under a lease: each states its length first, and room is asked for before the rest is read.
 
+use std::collections::VecDeque;
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Instant;
 
@@ -11,6 +12,7 @@ use axum::middleware::Next;
 use axum::response::Response;
 use bytes::Bytes;
 use http_body::Frame;
+use tokio::sync::Semaphore;
 use tonic::Status;
 use tracing::Instrument as _;
 
@@ -21,7 +23,19 @@ use crate::server::service::{Answered, Failure, FailureKind, Service};
 
 /// The room of a call's messages, for its handler to pass on.
 #[derive(Clone)]
-pub(super) struct Lease(pub Arc<BodyLease>);
+pub(super) struct Lease {
+    pub body: Arc<BodyLease>,
+    /// Lengths of messages that were announced and not taken yet.
+    announced: Arc<Mutex<VecDeque<usize>>>,
+}
+
+impl Lease {
+    /// The room of the next message of a stream: all that was announced of it, known to us or not.
+    pub(super) fn next_message(&self) -> BodyLease {
+        let length = self.announced.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+        self.body.split(length.unwrap_or(0))
+    }
+}
 
 /// What calls are admitted by.
 #[derive(Clone)]
@@ -29,65 +43,75 @@ pub(super) struct Admitting {
     service: Arc<Service>,
     /// Of a message, bytes.
     limit: usize,
+    calls: Arc<Semaphore>,
 }
 
 impl Admitting {
     pub(super) fn new(service: &Arc<Service>, limit: usize) -> Self {
-        Self { service: Arc::clone(service), limit }
+        Self { service: Arc::clone(service), limit, calls: Arc::new(Semaphore::new(MAX_CALLS)) }
     }
 }
 
 const ROUTES: [&str; 3] = ["Estimate", "EstimateStream", "ListObjects"];
+const OTHER: &str = "other";
+
+/// Open calls on all connections; each takes memory even if nothing comes.
+pub(super) const MAX_CALLS: usize = 2048;
+/// Messages of health checks and reflection are short.
+const MAX_OTHER_BYTES: usize = 16 * 1024;
 
 /// Counts a call's messages as they are announced.
 pub(super) async fn admit(State(admitting): State<Admitting>, request: Request, next: Next) -> Response {
     let called = request.uri().path().strip_prefix("/posed.v1.PoseService/");
     // Bounded: what is no call of ours is one label.
-    let route = ROUTES.into_iter().find(|route| Some(*route) == called).unwrap_or("other");
+    let route = ROUTES.into_iter().find(|route| Some(*route) == called).unwrap_or(OTHER);
     let span = span("grpc", &request, route);
-    let lease = match admitting.service.lease() {
-        Ok(lease) => lease,
-        Err(failure) => return Status::from(failure).into_http(),
+    let (Ok(call), Ok(body_lease)) = (Arc::clone(&admitting.calls).try_acquire_owned(), admitting.service.lease())
+    else {
+        let message = format!("{MAX_CALLS} calls are open already; try again in a moment");
+        return Status::from(Failure::new(FailureKind::QueueFull, message)).into_http();
     };
+    let lease = Lease { body: body_lease, announced: Arc::default() };
     let (mut parts, body) = request.into_parts();
-    parts.extensions.insert(Lease(Arc::clone(&lease)));
+    parts.extensions.insert(lease.clone());
     let stall = Stall::new(admitting.service.limits.body_timeout);
     let messages = Messages {
         body,
-        lease: Arc::clone(&lease),
+        lease: lease.clone(),
         admitting,
         route,
         start: Instant::now(),
-        begun: false,
         frame: Prefixed::default(),
         stall,
     };
     let response = next.run(Request::from_parts(parts, Body::new(messages))).instrument(span).await;
     // Until the answer has left: a client that does not read it has no room for more.
-    response.map(|body| Held::body(body, lease))
+    response.map(|body| Held::body(body, (lease, call)))
 }
 
 /// A call's body.
 struct Messages {
     body: Body,
-    lease: Arc<BodyLease>,
+    lease: Lease,
     admitting: Admitting,
     route: &'static str,
     start: Instant,
-    /// Whether anything has come.
-    begun: bool,
     frame: Prefixed,
     stall: Stall,
 }
 
 impl Messages {
     fn count(&mut self, mut data: &[u8]) -> Result<(), Status> {
-        self.begun |= !data.is_empty();
         while let Some(length) = self.frame.next_length(&mut data) {
+            if self.route == OTHER && length > MAX_OTHER_BYTES {
+                let message = format!("the message is larger than {MAX_OTHER_BYTES} bytes");
+                return Err(self.refuse(Failure::new(FailureKind::TooLarge, message)));
+            }
             // Larger ones are refused by the decoder, unread.
             if length <= self.admitting.limit {
-                let admitted = self.admitting.service.admit_message(&self.lease, length, self.is_single());
+                let admitted = self.admitting.service.admit_message(&self.lease.body, length, self.is_single());
                 admitted.map_err(|failure| self.refuse(failure))?;
+                self.lease.announced.lock().unwrap_or_else(PoisonError::into_inner).push_back(length);
             }
         }
         Ok(())
@@ -103,12 +127,13 @@ impl Messages {
 
     /// One message, and the call is complete.
     fn is_single(&self) -> bool {
-        self.route != "EstimateStream"
+        self.route == "Estimate" || self.route == "ListObjects"
     }
 
-    /// Whether the client owes us something now; between the frames of a stream it may be silent.
+    /// Whether the client owes us something now: the rest of a message, or the end of a call that has but one. Between the
+    /// frames of a stream it may be silent.
     fn is_due(&self) -> bool {
-        self.frame.is_inside() || (self.is_single() && !self.begun)
+        self.frame.is_inside() || self.is_single()
     }
 }
 

@@ -21,6 +21,7 @@ pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
     name: "http",
     protocol: Protocol::Http1,
     address: |config| config.http,
+    requests_bytes: 0,
     router: |context| Box::pin(async move { Ok(router(&context)) }),
 };
 

@@ -5,6 +5,9 @@ use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
 use crate::vision::DecodeError;
 use posed_core::geometry::CameraError;
 
+/// More than any sentence of ours has.
+const MAX_MESSAGE_CHARS: usize = 600;
+
 /// Why a request failed, with a message that every protocol carries.
 #[derive(Debug)]
 pub(crate) struct Failure {
@@ -53,8 +56,13 @@ impl FailureKind {
 }
 
 impl Failure {
+    /// Long messages repeat what the client sent; they are cut, so that an answer is never larger than its request.
     pub(crate) fn new(kind: FailureKind, message: impl Into<String>) -> Self {
-        Self { kind, message: message.into() }
+        let mut message: String = message.into();
+        if let Some((end, _)) = message.char_indices().nth(MAX_MESSAGE_CHARS) {
+            message = format!("{}…", &message[..end]);
+        }
+        Self { kind, message }
     }
 
     pub(crate) fn invalid(message: impl Into<String>) -> Self {

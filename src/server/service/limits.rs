@@ -39,7 +39,7 @@ pub(crate) struct Limits {
 pub(crate) struct MemoryBound {
     /// Resident once the workers were warmed up.
     pub warm_bytes: u64,
-    /// Bodies: `queue_bytes`.
+    /// Bodies: twice `queue_bytes`.
     pub bodies_bytes: u64,
     /// Decoded images, and decoding: `pixel_bytes`.
     pub pixels_bytes: u64,
@@ -55,6 +55,9 @@ impl MemoryBound {
     }
 }
 
+/// Forms and chunked bodies are copied once while they are taken apart.
+const BODY_COPIES: u64 = 2;
+
 /// Images of batches leave this share of the queue to images that come alone.
 const SINGLE_SHARE: usize = 4;
 
@@ -67,7 +70,7 @@ impl Limits {
     pub(super) fn new(config: &Config, workers_bytes: u64, connections: Connections) -> Self {
         let memory = MemoryBound {
             warm_bytes: resident_bytes(),
-            bodies_bytes: config.queue_bytes as u64,
+            bodies_bytes: BODY_COPIES * config.queue_bytes as u64,
             pixels_bytes: config.pixel_bytes as u64,
             workers_bytes,
             connections_bytes: connections.bytes,

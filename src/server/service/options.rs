@@ -7,6 +7,8 @@ use super::state::Service;
 use crate::estimator::{CallerFrames, Selection};
 
 const MAX_MARK_CHARS: usize = 64;
+/// Names in one request; their copies wait with the image.
+const MAX_OBJECTS: usize = 256;
 
 /// A registered camera by its id, or a camera given with the request.
 #[derive(Clone, Debug)]
@@ -37,12 +39,25 @@ pub(crate) struct Options {
     pub captured_at: Option<String>,
 }
 
+impl PoseRequest {
+    /// How many objects a request may name.
+    pub(crate) fn check_names(objects: Option<&[String]>) -> Result<(), Failure> {
+        match objects {
+            Some(names) if names.len() > MAX_OBJECTS => {
+                Err(Failure::invalid(format!("field 'objects' has more than {MAX_OBJECTS} names")))
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+}
+
 impl Service {
     /// Checks a request against what there is.
     pub(crate) fn options(&self, request: PoseRequest) -> Result<Options, Failure> {
         let PoseRequest { camera, objects, max_instances, min_confidence, frames, captured_at } = request;
         let no_camera = || Failure::invalid("no camera; set the id of a registered camera, or its parameters");
         let camera = self.camera(camera.ok_or_else(no_camera)?)?;
+        PoseRequest::check_names(objects.as_deref())?;
         for name in objects.iter().flatten() {
             self.model(name)?;
             if !self.is_calibrated(name) {

@@ -93,7 +93,7 @@ pub(crate) struct MemoryReport {
     bound_bytes: u64,
     /// Resident memory after the start, with all networks loaded.
     warm_bytes: u64,
-    /// Request bodies (`queue_bytes`).
+    /// Request bodies (twice `queue_bytes`: forms are copied once).
     bodies_bytes: u64,
     /// Decoded images and decoding (`pixel_bytes`).
     pixels_bytes: u64,

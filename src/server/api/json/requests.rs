@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 use super::forms::{CameraChoiceForm, PoseForm, RawForm};
 use crate::estimator::CallerFrames;
 use crate::server::service::{CameraChoice, Failure, KnownView, PoseRequest};
-use crate::vision::RawLayout;
+use crate::vision::{BoundingBox, RawLayout};
 
 /// The part `request` of a form. Unknown fields are an error.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
@@ -36,6 +36,10 @@ pub(crate) struct EstimateRequest {
 }
 
 impl EstimateRequest {
+    fn check(&self) -> Result<(), Failure> {
+        PoseRequest::check_names(self.objects.as_deref())
+    }
+
     /// Splits the form into the request and the layout of a raw frame.
     pub(crate) fn translate(self) -> Result<(PoseRequest, Option<RawLayout>), Failure> {
         let frame = |field, form: Option<PoseForm>| form.map(|form| Failure::or_pose(field, form)).transpose();
@@ -62,6 +66,8 @@ impl BatchRequest {
         let text = self.0.get();
         if !text.trim_start().starts_with('[') {
             let shared: EstimateRequest = serde_json::from_str(text).map_err(bad)?;
+            // Checked before it is copied.
+            shared.check()?;
             return Ok(vec![shared; images].into_iter().map(Ok).collect());
         }
         let list: Vec<&RawValue> = serde_json::from_str(text).map_err(bad)?;
@@ -99,6 +105,22 @@ struct ReferenceImage {
     box_px: Option<[f64; 4]>,
 }
 
+/// A box that something can be seen in.
+fn checked_box(box_px: [f64; 4]) -> Result<BoundingBox, Failure> {
+    let [x, y, width, height] = box_px;
+    let usable = [x, y].iter().all(|at| at.abs() <= MAX_BOX_PX)
+        && [width, height].iter().all(|side| (MIN_BOX_PX..=MAX_BOX_PX).contains(side));
+    let problem = || {
+        format!(
+            "field 'box_px' is {box_px:?}; give x, y, width, height in pixels, sides from {MIN_BOX_PX} to {MAX_BOX_PX}"
+        )
+    };
+    if usable { Ok(box_px.into()) } else { Err(Failure::invalid(problem())) }
+}
+
+const MIN_BOX_PX: f64 = 8.0;
+const MAX_BOX_PX: f64 = 8192.0;
+
 impl ReferenceRequest {
     /// Combines the images with their known facts.
     pub(crate) fn views(self, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
@@ -113,7 +135,7 @@ impl ReferenceRequest {
                 image,
                 camera: known.camera,
                 camera_from_object: Failure::or_pose("camera_from_object", known.camera_from_object)?,
-                region: known.box_px.map(Into::into),
+                region: known.box_px.map(checked_box).transpose()?,
             })
         };
         images.into_iter().zip(self.references).map(known).collect()
