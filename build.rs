@@ -11,6 +11,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let descriptor = PathBuf::from(std::env::var("OUT_DIR")?).join("descriptor.bin");
     std::fs::write(descriptor, files.encode_to_vec())?;
     // Images are not copied out of their messages.
-    tonic_prost_build::configure().bytes(".").compile_fds(files)?;
+    tonic_prost_build::configure().bytes(".").codec_path("crate::proto::BoundedCodec").compile_fds(files)?;
     Ok(())
 }

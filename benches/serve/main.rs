@@ -140,8 +140,8 @@ impl Report {
         line(&mut text, "refusal, p50 / p99 / most, ms", spread(&over.refused_ms));
         line(&mut text, "answer, p50 / p99 / most, ms", spread(&over.answered_ms));
         // An image waits for the queue before it, and for the batch that it is answered with.
-        let bound = 24.0 / rate * 1e3;
-        line(&mut text, "a full queue (16) and a batch (8) take, ms", format!("{bound:.0}"));
+        let bound = 18.0 / rate * 1e3;
+        line(&mut text, "a full queue (16) and a batch (2) take, ms", format!("{bound:.0}"));
         line(
             &mut text,
             "resident memory, first and last quarter, MiB",

@@ -22,6 +22,12 @@ pub struct Room {
 }
 
 impl Room {
+    /// What pictures of answers may take of `pixel_bytes`.
+    #[must_use]
+    pub fn picture_bytes(&self) -> usize {
+        self.pixel_bytes - self.pixel_bytes / 4
+    }
+
     /// How many `bytes` there must be for a body of this size to find room: large ones leave an eighth to small ones.
     #[must_use]
     pub fn least_bytes(body: usize) -> usize {
@@ -51,6 +57,8 @@ pub struct Admission {
     images: Arc<Budget>,
     bytes: Arc<Budget>,
     pixels: Arc<Semaphore>,
+    /// The part of them that pictures of answers may take: their readers may be slow, and others must go on.
+    pictures: Arc<Semaphore>,
 }
 
 /// A counter that never passes its limit.
@@ -93,14 +101,19 @@ pub struct BodyLease {
 
 /// The bytes of one image's pixels.
 #[derive(Debug)]
-pub struct PixelLease(OwnedSemaphorePermit);
+pub struct PixelLease {
+    pixels: OwnedSemaphorePermit,
+    picture: Option<OwnedSemaphorePermit>,
+}
 
 impl Admission {
     #[must_use]
     pub fn new(room: Room) -> Self {
         let units = usize::try_from((room.pixel_bytes as u64).div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
         let pixels = Arc::new(Semaphore::new(units.clamp(1, Semaphore::MAX_PERMITS)));
-        Self { room, images: Arc::default(), bytes: Arc::default(), pixels }
+        let units = usize::try_from((room.picture_bytes() as u64).div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
+        let pictures = Arc::new(Semaphore::new(units.clamp(1, Semaphore::MAX_PERMITS)));
+        Self { room, images: Arc::default(), bytes: Arc::default(), pixels, pictures }
     }
 
     #[must_use]
@@ -150,10 +163,13 @@ impl Admission {
     }
 
     /// Room for pixels, in the order in which it was asked for. More than all the room would never be free: ask before.
-    pub async fn pixels(&self, bytes: u64) -> Option<PixelLease> {
+    pub async fn pixels(&self, bytes: u64, for_picture: bool) -> Option<PixelLease> {
         let units = u32::try_from(bytes.div_ceil(PIXEL_UNIT)).ok()?;
         // Closed never.
-        Arc::clone(&self.pixels).acquire_many_owned(units).await.ok().map(PixelLease)
+        let picture =
+            if for_picture { Some(Arc::clone(&self.pictures).acquire_many_owned(units).await.ok()?) } else { None };
+        let pixels = Arc::clone(&self.pixels).acquire_many_owned(units).await.ok()?;
+        Some(PixelLease { pixels, picture })
     }
 }
 
@@ -209,8 +225,10 @@ impl PixelLease {
     /// Gives back all but so many bytes.
     pub fn shrink_to(&mut self, bytes: u64) {
         let units = usize::try_from(bytes.div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
-        if let Some(rest) = self.0.num_permits().checked_sub(units).filter(|rest| *rest > 0) {
-            drop(self.0.split(rest));
+        for held in [Some(&mut self.pixels), self.picture.as_mut()].into_iter().flatten() {
+            if let Some(rest) = held.num_permits().checked_sub(units).filter(|rest| *rest > 0) {
+                drop(held.split(rest));
+            }
         }
     }
 }
@@ -271,16 +289,29 @@ mod tests {
         assert_eq!(admission.bytes(), 0);
     }
 
+    /// However many pictures wait for their readers, a quarter is left to others.
+    #[tokio::test]
+    async fn pictures_leave_room_for_others() {
+        let admission = admission(2, MIB, 8 * MIB);
+        let picture = admission.pixels(6 * MIB as u64, true).await.unwrap();
+        let mut other_picture = tokio_test::task::spawn(admission.pixels(MIB as u64, true));
+        assert!(other_picture.poll().is_pending());
+        let mut other = tokio_test::task::spawn(admission.pixels(2 * MIB as u64, false));
+        assert!(other.poll().is_ready());
+        drop(picture);
+        assert!(other_picture.poll().is_ready());
+    }
+
     #[tokio::test]
     async fn pixels_wait_for_room() {
         let admission = admission(2, MIB, 8 * MIB);
-        let mut first = admission.pixels(6 * MIB as u64).await.unwrap();
-        let mut waiting = tokio_test::task::spawn(admission.pixels(4 * MIB as u64));
+        let mut first = admission.pixels(6 * MIB as u64, false).await.unwrap();
+        let mut waiting = tokio_test::task::spawn(admission.pixels(4 * MIB as u64, false));
         assert!(waiting.poll().is_pending());
         first.shrink_to(2 * MIB as u64);
         let Poll::Ready(second) = waiting.poll() else { panic!("there is room") };
         drop(first);
-        let mut all = tokio_test::task::spawn(admission.pixels(8 * MIB as u64));
+        let mut all = tokio_test::task::spawn(admission.pixels(8 * MIB as u64, false));
         assert!(all.poll().is_pending());
         drop(second);
         assert!(all.poll().is_ready());

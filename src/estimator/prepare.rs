@@ -62,11 +62,13 @@ impl Decoders {
         let options = self.options;
         let (image, header) = self.run(move || header(&image, &options).map(|header| (image, header))).await??;
         let kept = header.rgb_bytes * if keep_image { KEPT_IMAGES } else { 1 };
-        let (bytes, limit) = (header.decode_bytes.max(kept), self.admission.room().pixel_bytes);
+        let room = self.admission.room();
+        let limit = if keep_image { room.picture_bytes() } else { room.pixel_bytes };
+        let bytes = header.decode_bytes.max(kept);
         if bytes > limit as u64 {
             return Err(PrepareError::TooCostly { bytes, limit });
         }
-        let room = self.admission.pixels(bytes).await.ok_or(PrepareError::Crashed)?;
+        let room = self.admission.pixels(bytes, keep_image).await.ok_or(PrepareError::Crashed)?;
         let decoded = self.run(move || {
             let start = Instant::now();
             let decoded = decode(&image, &options);

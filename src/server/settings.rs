@@ -62,7 +62,7 @@ pub struct Config {
     pub threads: Option<usize>,
     /// Maximum number of images that a worker processes together.
     #[arg(long, env = "POSED_MAX_BATCH", help_heading = RUN)]
-    #[arg(default_value_t = 8, value_parser = whole::<usize>(1..=256))]
+    #[arg(default_value_t = 2, value_parser = whole::<usize>(1..=256))]
     pub max_batch: usize,
     /// Time that a worker waits for further images to process together, milliseconds.
     #[arg(long, env = "POSED_BATCH_DELAY_MS", help_heading = RUN)]
