@@ -13,6 +13,7 @@ mod affine;
 mod camera;
 mod covariance;
 mod epipolar;
+mod motion_group;
 mod pose;
 mod rotation;
 mod symmetry;
