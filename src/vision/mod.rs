@@ -2,6 +2,7 @@
 
 mod crop;
 mod decode;
+mod disk;
 mod error;
 mod header;
 mod heatmap;
@@ -15,6 +16,7 @@ mod tensor;
 
 pub use crop::{MAX_CANVAS_BYTES, crop_squares};
 pub use decode::{Decoded, Exif, decode};
+pub use disk::{FileError, read_image};
 pub use error::DecodeError;
 pub use header::{Header, header};
 pub use heatmap::{Peak, find_peak};

@@ -11,4 +11,5 @@ mod read;
 mod webp;
 
 pub(super) use facts::EncodedHeader;
+pub(super) use read::check_size;
 pub use read::{Header, header};

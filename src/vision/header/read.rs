@@ -65,7 +65,7 @@ impl EncodedHeader {
     }
 }
 
-fn check_size(width: u32, height: u32, options: &DecodeOptions) -> Result<(), DecodeError> {
+pub(in crate::vision) fn check_size(width: u32, height: u32, options: &DecodeOptions) -> Result<(), DecodeError> {
     let DecodeOptions { max_side_px, max_pixels, .. } = *options;
     if width.max(height) > max_side_px || u64::from(width) * u64::from(height) > max_pixels {
         return Err(DecodeError::TooLarge { width, height, max_side_px, max_pixels });
