@@ -3,14 +3,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args, ValueEnum};
+use image::ImageFormat;
 use nalgebra::{SymmetricEigen, Vector2};
 use serde::Deserialize;
 
+use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
 use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
-use crate::evaluation::{GroundTruth, read_image};
+use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
-use crate::vision::{BoundingBox, DecodeOptions, Image, decode};
+use crate::vision::{BoundingBox, DecodeOptions, Image, decode, encode, read_image};
 use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
 use posed_core::geometry::{Camera, Pose};
 
@@ -20,7 +22,8 @@ use posed_core::geometry::{Camera, Pose};
 pub(super) struct Calibrate {
     /// Name of the object. It has a folder in the models folder.
     object: String,
-    /// BOP scene folder with the reference images (scene_gt.json, scene_gt_info.json, scene_camera.json, rgb/).
+    /// Scene folder with the reference images: BOP (scene_gt.json, scene_gt_info.json, scene_camera.json, rgb/ or gray/) or
+    /// LINEMOD (gt.yml, info.yml, rgb/).
     #[arg(long, value_name = "DIR", group = "source", requires = "images")]
     scene: Option<PathBuf>,
     /// Number of a reference image in the scene. Repeat it for a more accurate offset, best with views from other sides.
@@ -37,6 +40,8 @@ pub(super) struct Calibrate {
     /// How to average several references.
     #[arg(long, value_enum, default_value_t)]
     mode: ModeChoice,
+    #[command(flatten)]
+    dataset: DatasetArgs,
     #[command(flatten)]
     models: ModelArgs,
 }
@@ -116,6 +121,8 @@ fn usual_click_error() -> f64 {
 
 /// An axis this many times less exact than the best one deserves a view from the side.
 const WEAK_AXIS: f64 = 3.0;
+/// Of an object that is seen smaller than this, nothing can be measured.
+const MIN_EXTENT_PX: f64 = 16.0;
 
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
@@ -127,8 +134,8 @@ impl Calibrate {
         let mut files = Vec::with_capacity(known.len());
         for (index, known) in known.iter().enumerate() {
             let name = known.path.display();
-            let bytes = fs::read(&known.path).map_err(|error| format!("{name}: {error}"))?;
-            let file = self.file_name(&known.path, index, several);
+            let (bytes, ending) = encoded(&known.path).map_err(|error| format!("{name}: {error}"))?;
+            let file = self.file_name(&ending, index, several);
             views.push(measure(&mut solver, known, &bytes, file.clone()).map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
@@ -141,8 +148,10 @@ impl Calibrate {
 
     fn known(&self, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {
         if let Some(scene) = &self.scene {
+            let options = self.dataset.options()?;
+            let scene = SceneFolder::at(scene, &options)?.read(&options)?;
             let of_scene =
-                |image: &u32| from_scene(scene, *image, model).map_err(|e| format!("image {image}: {e}").into());
+                |image: &u32| from_scene(&scene, *image, model).map_err(|e| format!("image {image}: {e}").into());
             self.images.iter().map(of_scene).collect()
         } else if let Some(path) = &self.references {
             let entries: Vec<ReferenceImage> = read_json(path)?;
@@ -156,11 +165,20 @@ impl Calibrate {
     }
 
     /// `<object>.jpg`, or `<object>-<index>.jpg` of several.
-    fn file_name(&self, path: &Path, index: usize, several: bool) -> String {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("jpg");
+    fn file_name(&self, ending: &str, index: usize, several: bool) -> String {
         let number = if several { format!("-{index}") } else { String::new() };
-        format!("{}{number}.{extension}", self.object)
+        format!("{}{number}.{ending}", self.object)
     }
+}
+
+/// A reference image's bytes and what its name ends in. A TIFF becomes a PNG: what reads references knows no TIFF.
+fn encoded(path: &Path) -> Result<(Vec<u8>, String), Box<dyn Error>> {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("jpg").to_lowercase();
+    if ["tif", "tiff"].contains(&ending.as_str()) {
+        let image = read_image(path, &DecodeOptions::default())?;
+        return Ok((encode(&image, ImageFormat::Png)?, "png".into()));
+    }
+    Ok((fs::read(path)?, ending))
 }
 
 fn measure(
@@ -256,21 +274,18 @@ impl ClicksFile {
     }
 }
 
-fn from_scene(scene: &Path, image: u32, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
-    let (path, camera, objects) = read_image(scene, image)?;
-    let truth = find(&objects, model)?;
-    Ok(Known { path, camera, camera_from_object: truth.camera_from_object, region: truth.bounding_box })
-}
-
-fn find<'a>(objects: &'a [GroundTruth], model: &ObjectModel) -> Result<&'a GroundTruth, String> {
+fn from_scene(scene: &Scene, image: u32, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
+    let view = scene.view(image)?;
     let (obj_id, name) = (model.manifest.obj_id, &model.manifest.name);
-    let mut matching = objects.iter().filter(|truth| truth.obj_id == obj_id);
-    match (matching.next(), matching.next()) {
-        (Some(truth), None) if truth.bounding_box.extent() >= 16.0 => Ok(truth),
-        (Some(_), None) => Err(format!("object {obj_id} ({name}) is hardly visible; choose another image")),
-        (Some(_), Some(_)) => Err(format!("object {obj_id} ({name}) appears more than once; choose another image")),
-        (None, _) => Err(format!("object {obj_id} ({name}) is not in this image; choose another image")),
-    }
+    let (camera_from_object, region) = match view.truths(obj_id)?[..] {
+        [] => return Err(format!("object {obj_id} ({name}) is not in this image; choose another image").into()),
+        [truth] => match truth.bounding_box.filter(|region| region.extent() >= MIN_EXTENT_PX) {
+            Some(region) => (truth.camera_from_object, region),
+            None => return Err(format!("object {obj_id} ({name}) is hardly visible; choose another image").into()),
+        },
+        _ => return Err(format!("object {obj_id} ({name}) appears more than once; choose another image").into()),
+    };
+    Ok(Known { path: view.image, camera: view.camera, camera_from_object, region })
 }
 
 fn beside(file: &Path, image: &Path) -> PathBuf {

@@ -3,6 +3,7 @@
 mod calibrate;
 mod check;
 mod completions;
+mod dataset;
 mod estimate;
 mod evaluate;
 mod healthcheck;
@@ -35,7 +36,7 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Check an installation: load all models, and compare the poses in the samples with the known ones.
     Check(check::Check),
-    /// Evaluate the accuracy of objects on a BOP dataset.
+    /// Evaluate the accuracy of objects on a dataset (BOP or LINEMOD).
     Evaluate(evaluate::Evaluate),
     /// Check that a running server is ready. For containers without a shell.
     Healthcheck(healthcheck::Healthcheck),

@@ -18,20 +18,32 @@ pub(super) struct ModelArgs {
     /// Execution provider of the networks.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
     pub(super) provider: Provider,
-    /// Threads for each network [default: the available cores].
+    /// Threads for each network [default: the available cores, shared by parallel jobs].
     #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
 }
 
 impl ModelArgs {
     pub(super) fn runtime(&self) -> Result<Runtime, RuntimeError> {
-        Runtime::load(self.provider, self.threads.map_or_else(available_cores, usize::from))
+        self.runtime_for(1)
+    }
+
+    /// A runtime whose networks run on so many threads of this program at once: they share the cores.
+    pub(super) fn runtime_for(&self, jobs: usize) -> Result<Runtime, RuntimeError> {
+        let share = || (available_cores() / jobs).max(1);
+        Runtime::load(self.provider, self.threads.map_or_else(share, usize::from))
+    }
+
+    /// All models, and the references that are there for them.
+    pub(super) fn library(&self) -> Result<(Arc<Library>, Arc<References>), LoadError> {
+        let library = Arc::new(Library::load(&self.models)?);
+        let references = Arc::new(References::load(&self.reference, &library)?);
+        Ok((library, references))
     }
 
     /// The whole pipeline, with its models.
     pub(super) fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Library>), LoadError> {
-        let library = Arc::new(Library::load(&self.models)?);
-        let references = Arc::new(References::load(&self.reference, &library)?);
+        let (library, references) = self.library()?;
         Ok((Estimator::new(Arc::clone(&library), references, runtime)?, library))
     }
 }

@@ -1,9 +1,14 @@
-//! BOP datasets: ground truth in, accuracy out.
+//! Datasets of the field: ground truth in, accuracy out.
 
-mod bop;
+mod dataset;
 mod mesh;
 mod metrics;
+mod models_info;
+mod ply;
 
-pub use bop::{BopError, GroundTruth, image_ids, read_image, scenes};
+pub use dataset::{
+    Annotation, DatasetError, GroundTruth, ImageError, ImageProblem, ReadOptions, Scene, SceneFolder, Target, Targets,
+    View, scenes,
+};
 pub use mesh::{MeshError, ObjectMesh};
 pub use metrics::{Deviation, Score, add};

@@ -3,6 +3,7 @@
 
 mod calibrate;
 mod estimate;
+mod evaluate;
 mod refusals;
 mod settings;
 #[path = "../support/mod.rs"]
