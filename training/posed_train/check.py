@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from .bop import DatasetError, View
-from .registration import Component, find_components, locate
+from .registration import Component, find_components, locate, rays_in_component
 
 MIN_BASELINE_DEG = 5.0
 """Pairs of views closer than this say nothing of depth."""
@@ -65,7 +65,14 @@ def check(views: list[View], source: str) -> Report:
             "every image is alone in its component: learning needs pairs of images with known relative camera poses. "
             "Take several images of one still scene"
         )
-    reports = [describe(component, views) for component in components if len(component.views) > 1]
+    angles = [baseline(component, views) for component in components]
+    if angles[0] < MIN_BASELINE_DEG:
+        raise DatasetError(
+            f"all views of the largest component lie within {angles[0]:.1f} degrees of each other: depth cannot be "
+            f"learned. Move the camera at least {MIN_BASELINE_DEG:.0f} degrees around the object"
+        )
+    wide = [component for component, angle in zip(components, angles) if angle >= MIN_BASELINE_DEG]
+    reports = [describe(component, views) for component in wide]
     sizes = np.array([report.size_m for report in reports])
     if sizes.max() > 3 * sizes.min():
         raise DatasetError(
@@ -98,6 +105,13 @@ def check_cameras(views: list[View]) -> None:
             raise DatasetError(
                 f"{view.image_path}: bbox_visib {list(view.box)} reaches outside the image of {width}x{height} px"
             )
+
+
+def baseline(component: Component, views: list[View]) -> float:
+    """The widest angle between its rays, degrees. Not measured from the point that they meet in, which is noise where
+    all are nearly parallel."""
+    rays = rays_in_component([views[index] for index in component.views], component.camera_from_component)
+    return float(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1))).max())
 
 
 def describe(component: Component, views: list[View]) -> ComponentReport:
@@ -133,15 +147,12 @@ def sphere(count: int) -> np.ndarray:
     return np.stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1)
 
 
-def warn(report: Report, alone: int) -> None:
+def warn(report: Report, narrow: int) -> None:
     first = report.components[0]
-    if first.widest_baseline_deg < MIN_BASELINE_DEG:
-        raise DatasetError(
-            f"all views of the largest component lie within {first.widest_baseline_deg:.1f} degrees of each other: "
-            f"depth cannot be learned. Move the camera at least {MIN_BASELINE_DEG:.0f} degrees around the object"
+    if narrow:
+        report.warnings.append(
+            f"{narrow} components have one image, or images from one direction; those images teach nothing"
         )
-    if alone:
-        report.warnings.append(f"{alone} components have one image; those images teach nothing")
     if report.views < FEW_VIEWS:
         report.warnings.append(f"{report.views} views are few; {FEW_VIEWS} to 200 from all sides learn well")
     if first.coverage < LOW_COVERAGE:

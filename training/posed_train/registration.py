@@ -93,11 +93,15 @@ def rays(views: list[View]) -> np.ndarray:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
+def rays_in_component(views: list[View], camera_from_component: np.ndarray) -> np.ndarray:
+    """Unit directions `[V, 3]` through the box centres, in the component's frame."""
+    return np.einsum("vji,vj->vi", camera_from_component[:, :3, :3], rays(views))
+
+
 def triangulate_centre(views: list[View], camera_from_component: np.ndarray, iterations: int = 10) -> np.ndarray:
     """The point nearest to all rays through the box centres (weighted by 1/distance: boxes cut by occluders err)."""
-    rotation = camera_from_component[:, :3, :3]
-    origins = -np.einsum("vji,vj->vi", rotation, camera_from_component[:, :3, 3])
-    directions = np.einsum("vji,vj->vi", rotation, rays(views))
+    origins = -np.einsum("vji,vj->vi", camera_from_component[:, :3, :3], camera_from_component[:, :3, 3])
+    directions = rays_in_component(views, camera_from_component)
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     weights = np.ones(len(views))
     for _ in range(iterations):

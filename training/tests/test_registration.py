@@ -155,5 +155,6 @@ def test_the_check_refuses_what_cannot_work(tmp_path, spoil, words):
 def test_the_check_warns_of_what_works_badly(tmp_path):
     views = ball_views(tmp_path, "a", 12)
     views.append(replace(views[0], scene="alone"))
+    views += [replace(views[1], scene="from one direction", image_path=view.image_path) for view in views[:2]]
     text = str(check.check(views, "camera"))
-    assert "1 components have one image" in text and "13 views are few" in text
+    assert "2 components have one image, or images from one direction" in text and "15 views are few" in text
