@@ -1,8 +1,8 @@
 //! Room for what comes: asked for before memory is taken, given back when it is.
 //!
 //! Three budgets bound what all callers together can make the process hold: images from the moment they are whole until
-//! they are answered, bytes of bodies from their announcement until nobody holds them any more, and bytes of pixels from an image's
-//! header until its answer has left.
+//! they are answered, bytes of bodies from their announcement until nobody holds them any more, and bytes of pixels from
+//! an image's header until its answer has left.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -109,10 +109,11 @@ pub struct PixelLease {
 impl Admission {
     #[must_use]
     pub fn new(room: Room) -> Self {
-        let units = usize::try_from((room.pixel_bytes as u64).div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
-        let pixels = Arc::new(Semaphore::new(units.clamp(1, Semaphore::MAX_PERMITS)));
-        let units = usize::try_from((room.picture_bytes() as u64).div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
-        let pictures = Arc::new(Semaphore::new(units.clamp(1, Semaphore::MAX_PERMITS)));
+        let semaphore = |bytes: usize| {
+            let units = usize::try_from((bytes as u64).div_ceil(PIXEL_UNIT)).unwrap_or(usize::MAX);
+            Arc::new(Semaphore::new(units.clamp(1, Semaphore::MAX_PERMITS)))
+        };
+        let (pixels, pictures) = (semaphore(room.pixel_bytes), semaphore(room.picture_bytes()));
         Self { room, images: Arc::default(), bytes: Arc::default(), pixels, pictures }
     }
 
@@ -152,14 +153,20 @@ impl Admission {
         if taken { Ok(Place(Arc::clone(&self.images))) } else { Err(Refusal::Images { limit }) }
     }
 
-    /// Room for a body of this many bytes; one of unknown length starts with 0 and grows.
+    /// Room for a body of this many bytes.
     ///
     /// # Errors
     /// [`Refusal::Bytes`] where there is not so much.
     pub fn body(&self, bytes: usize) -> Result<BodyLease, Refusal> {
-        let lease = BodyLease { admission: self.clone(), bytes: AtomicUsize::new(0) };
+        let lease = self.empty_body();
         lease.grow_by(bytes)?;
         Ok(lease)
+    }
+
+    /// No room yet for a body that comes in parts: it grows.
+    #[must_use]
+    pub fn empty_body(&self) -> BodyLease {
+        BodyLease { admission: self.clone(), bytes: AtomicUsize::new(0) }
     }
 
     /// Room for pixels, in the order in which it was asked for. More than all the room would never be free: ask before.

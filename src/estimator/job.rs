@@ -109,7 +109,7 @@ pub(super) struct Job {
 }
 
 impl Job {
-    /// Whether nobody waits for the answer any more.
+    /// An error where nobody waits for the answer any more.
     pub(super) fn abandoned(&self) -> Result<(), Abandoned> {
         let gone = match &self.task {
             Task::Poses { reply, .. } => reply.is_closed(),

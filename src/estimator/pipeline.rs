@@ -20,7 +20,7 @@ pub struct Frame<'a> {
     /// The camera that took it; scaled where the image is the camera's image resized.
     pub camera: &'a Camera,
     pub selection: &'a Selection,
-    /// Asked before each stage whether nobody waits for the answer any more.
+    /// Asked before each stage; an error where nobody waits for the answer any more.
     pub abandoned: &'a dyn Fn() -> Result<(), Abandoned>,
 }
 

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 use super::connections::{ConnectionLimits, Listener, Protocol};
-use super::front_end::{Context, FrontEnd};
+use super::front_end::{Context, FrontEnd, stopped};
 use super::service::{Connections, LoadFailure, Readiness, Service};
 use super::settings::Config;
 use super::telemetry::LogControl;
@@ -116,11 +116,6 @@ fn connections(limits: ConnectionLimits) -> Connections {
         .iter()
         .map(|front_end| limits.most as u64 * front_end.protocol.connection_bytes() + front_end.requests_bytes);
     Connections { bytes: of_ports.sum::<u64>() + ADMIN_CONNECTIONS as u64 * Protocol::Http1.connection_bytes() }
-}
-
-async fn stopped(mut stopping: watch::Receiver<bool>) {
-    // An error means that the sender is gone, and so is the program.
-    let _ = stopping.wait_for(|stop| *stop).await;
 }
 
 struct Signals {

@@ -1,5 +1,6 @@
 //! `EstimateStream`: frames in, one response for each.
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -14,6 +15,7 @@ use crate::estimator::BodyLease;
 use crate::proto::estimate_stream_request::Kind;
 use crate::proto::estimate_stream_response::Result as FrameResult;
 use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings};
+use crate::server::front_end::stopped;
 use crate::server::service::Service;
 
 const DEFAULT_WINDOW: u32 = 4;
@@ -57,12 +59,9 @@ impl Frames {
     }
 
     /// Serves the stream until its client closes it, leaves, or the server stops.
-    pub(super) async fn run(
-        mut self,
-        mut requests: Streaming<EstimateStreamRequest>,
-        mut stopping: watch::Receiver<bool>,
-    ) {
+    pub(super) async fn run(mut self, mut requests: Streaming<EstimateStreamRequest>, stopping: watch::Receiver<bool>) {
         let responses = self.responses.clone();
+        let mut stopped = pin!(stopped(stopping));
         let mut end = None;
         while end.is_none() || self.is_busy() {
             tokio::select! {
@@ -77,7 +76,7 @@ impl Frames {
                     Err(status) => end = Some(Err(status)),
                 },
                 Some(_) = self.in_work.join_next() => self.start_waiting(),
-                () = stopped(&mut stopping), if end.is_none() => {
+                () = &mut stopped, if end.is_none() => {
                     end = Some(Err(Status::unavailable("the server is shutting down; connect again")));
                 }
                 () = responses.closed() => return,
@@ -88,12 +87,6 @@ impl Frames {
             let _ = responses.send(Err(status)).await;
         }
     }
-}
-
-/// Gives the guard of the flag back at once: it must not be held while the stream waits.
-async fn stopped(stopping: &mut watch::Receiver<bool>) {
-    // An error means that the sender is gone, and so is the program.
-    let _ = stopping.wait_for(|stop| *stop).await;
 }
 
 impl Frames {

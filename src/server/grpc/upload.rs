@@ -66,12 +66,11 @@ pub(super) async fn admit(State(admitting): State<Admitting>, request: Request, 
     // Bounded: what is no call of ours is one label.
     let route = ROUTES.into_iter().find(|route| Some(*route) == called).unwrap_or(OTHER);
     let span = span("grpc", &request, route);
-    let (Ok(call), Ok(body_lease)) = (Arc::clone(&admitting.calls).try_acquire_owned(), admitting.service.lease())
-    else {
+    let Ok(call) = Arc::clone(&admitting.calls).try_acquire_owned() else {
         let message = format!("{MAX_CALLS} calls are open already; try again in a moment");
         return Status::from(Failure::new(FailureKind::QueueFull, message)).into_http();
     };
-    let lease = Lease { body: body_lease, announced: Arc::default() };
+    let lease = Lease { body: admitting.service.lease(), announced: Arc::default() };
     let (mut parts, body) = request.into_parts();
     parts.extensions.insert(lease.clone());
     let stall = Stall::new(admitting.service.limits.body_timeout);

@@ -35,8 +35,8 @@ impl Service {
     }
 
     /// Room for a body that comes in messages: none yet.
-    pub(crate) fn lease(&self) -> Result<Arc<BodyLease>, Failure> {
-        Ok(Arc::new(self.queue.admission().body(0).map_err(|refusal| self.refused(refusal))?))
+    pub(crate) fn lease(&self) -> Arc<BodyLease> {
+        Arc::new(self.queue.admission().empty_body())
     }
 
     /// Room for a message that is announced. `whole` where it is a request of its own, which needs a place, too.

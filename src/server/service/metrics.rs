@@ -185,7 +185,7 @@ impl Collector for QueueCollector {
         let signed = |value: usize| i64::try_from(value).unwrap_or(i64::MAX);
         let long = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         gauge("inflight", "Images that are waiting or in progress", signed(admission.images()))?;
-        gauge("body_bytes", "Size of all request bodies whose images are not decoded yet", signed(admission.bytes()))?;
+        gauge("body_bytes", "Size of all request bodies that the server holds", signed(admission.bytes()))?;
         gauge("ready_workers", "Workers that can take a batch", signed(stats.ready_workers.load(Ordering::Relaxed)))?;
         gauge("resident_memory_bytes", "Resident memory of the process", long(resident_bytes()))?;
         gauge("memory_bound_bytes", "Upper bound of resident memory", long(self.memory_bound))

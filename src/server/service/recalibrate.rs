@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use posed_core::calibration::Mode;
 use posed_core::geometry::Pose;
+use tokio::sync::Mutex;
 
 use super::failure::{Failure, FailureKind};
 use super::options::CameraChoice;
@@ -35,22 +36,21 @@ pub(crate) struct Recalibration {
 impl Service {
     /// Whether references may be replaced at all, and those of this object.
     pub(crate) fn may_recalibrate(&self, object: &str) -> Result<(), Failure> {
-        if self.recalibration.is_none() {
-            let message = "recalibration is off; start the server with --recalibration, or use `posed calibrate`";
-            return Err(Failure::new(FailureKind::Forbidden, message));
-        }
+        self.one_at_a_time()?;
         self.model(object).map(drop)
+    }
+
+    fn one_at_a_time(&self) -> Result<&Mutex<()>, Failure> {
+        let message = "recalibration is off; start the server with --recalibration, or use `posed calibrate`";
+        self.recalibration.as_ref().ok_or_else(|| Failure::new(FailureKind::Forbidden, message))
     }
 
     /// Measures an object's offset anew and puts it into force.
     pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<Reference, Failure> {
         let Recalibration { object, views, mode, body, deadline } = asked;
-        self.may_recalibrate(&object)?;
+        let one_at_a_time = self.one_at_a_time()?;
         let model = self.model(&object)?;
-        let _one_at_a_time = match &self.recalibration {
-            Some(lock) => Some(lock.lock().await),
-            None => None,
-        };
+        let _turn = one_at_a_time.lock().await;
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
         for (index, view) in views.into_iter().enumerate() {

@@ -36,10 +36,6 @@ pub(crate) struct EstimateRequest {
 }
 
 impl EstimateRequest {
-    fn check(&self) -> Result<(), Failure> {
-        PoseRequest::check_names(self.objects.as_deref())
-    }
-
     /// Splits the form into the request and the layout of a raw frame.
     pub(crate) fn translate(self) -> Result<(PoseRequest, Option<RawLayout>), Failure> {
         let frame = |field, form: Option<PoseForm>| form.map(|form| Failure::or_pose(field, form)).transpose();
@@ -67,7 +63,7 @@ impl BatchRequest {
         if !text.trim_start().starts_with('[') {
             let shared: EstimateRequest = serde_json::from_str(text).map_err(bad)?;
             // Checked before it is copied.
-            shared.check()?;
+            PoseRequest::check_names(shared.objects.as_deref())?;
             return Ok(vec![shared; images].into_iter().map(Ok).collect());
         }
         let list: Vec<&RawValue> = serde_json::from_str(text).map_err(bad)?;

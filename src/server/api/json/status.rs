@@ -30,7 +30,7 @@ struct QueueReport {
     /// Images that are waiting or in progress.
     images: usize,
     max_images: usize,
-    /// Size of all request bodies whose images are not decoded yet.
+    /// Size of all request bodies that the server holds.
     body_bytes: usize,
     max_body_bytes: usize,
 }
