@@ -11,4 +11,8 @@ pub use dataset::{
     View, scenes,
 };
 pub use mesh::{MeshError, ObjectMesh};
-pub use metrics::{Deviation, Score, add};
+pub use metrics::{
+    Bootstrap, Claim, Consistency, Coverage, DegreesCentimetres, DetectionScore, Deviation, FoundBox, GroupConsistency,
+    Interval, Matching, ModelPoints, ModelPointsError, Nees, PoseNees, Recall, ReliabilityBin, RiskPoint, ScoredView,
+    TrueBox, Trust,
+};

@@ -12,7 +12,7 @@ use indicatif::ProgressBar;
 
 use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
-use crate::evaluation::{ObjectMesh, Score, Targets};
+use crate::evaluation::{ModelPoints, ObjectMesh, Recall, ScoredView, Targets};
 use crate::model::{ObjectModel, References};
 use plan::{Plan, Selection};
 use pool::in_parallel;
@@ -97,7 +97,7 @@ impl Evaluate {
         );
         println!("|---|---|---|---|---|---|---|");
         for (object, errors) in objects.iter().zip(&errors) {
-            print_row(&object.model.manifest.name, &Score::of(errors, &object.mesh));
+            print_row(&object.model.manifest.name, errors);
         }
         problems.report();
         Ok(())
@@ -109,7 +109,7 @@ impl Evaluate {
 
     fn object(&self, name: &str) -> Result<Object, Box<dyn Error>> {
         let model = ObjectModel::load(&self.models.models, name)?;
-        let mesh = ObjectMesh::read(&self.meshes, model.manifest.obj_id)?;
+        let points = ModelPoints::new(&ObjectMesh::read(&self.meshes, model.manifest.obj_id)?)?;
         let offset = if self.detector {
             None
         } else {
@@ -120,7 +120,7 @@ impl Evaluate {
                     .offset,
             )
         };
-        Ok(Object { model, mesh, offset })
+        Ok(Object { model, points, offset })
     }
 
     fn plan(&self, objects: &[Object]) -> Result<Plan, Box<dyn Error>> {
@@ -144,13 +144,14 @@ impl Evaluate {
     }
 }
 
-fn print_row(name: &str, score: &Score) {
+fn print_row(name: &str, views: &[ScoredView]) {
+    let Some(score) = Recall::of(views) else { return };
     println!(
         "| {name} | {} | {:.1} | {:.1} | {:.1} | {:.2} | {:.1} |",
         score.views,
         100.0 * score.add,
         100.0 * score.proj5,
-        100.0 * score.deg5_cm5,
+        100.0 * score.within(5, 5).unwrap_or(0.0),
         score.median_rotation_deg,
         1e3 * score.median_translation_m,
     );

@@ -4,7 +4,7 @@ use image::RgbImage;
 
 use super::plan::{Instance, Task};
 use crate::estimator::{EstimateError, Estimator, KeypointSolver, ObjectPose};
-use crate::evaluation::{Deviation, ObjectMesh};
+use crate::evaluation::{Deviation, ModelPoints, ScoredView};
 use crate::model::{Library, ObjectModel, References, Runtime};
 use crate::vision::{DecodeOptions, read_image};
 use posed_core::calibration::Offset;
@@ -16,7 +16,7 @@ const SAME_PLACE_OVERLAP: f64 = 0.5;
 /// An object that is evaluated.
 pub(super) struct Object {
     pub(super) model: ObjectModel,
-    pub(super) mesh: ObjectMesh,
+    pub(super) points: ModelPoints,
     /// Of an object whose boxes are given; the pipeline knows its own.
     pub(super) offset: Option<Offset>,
 }
@@ -40,8 +40,8 @@ enum Method<'a> {
     Pipeline(Box<Estimator>),
 }
 
-/// The place of an object, and how far its pose is from the truth; `None` where there was no answer.
-pub(super) type Scored = (usize, Option<Deviation>);
+/// The place of an object, and what was found of it.
+pub(super) type Scored = (usize, ScoredView);
 
 impl<'a> Setup<'a> {
     pub(super) fn scorer(&self) -> Result<Scorer<'a>, String> {
@@ -63,9 +63,10 @@ impl Scorer<'_> {
         let image = read_image(&task.image, &DecodeOptions::default()).map_err(|error| wrong(&error))?;
         let poses = self.poses(&image, &task.camera, &task.instances).map_err(|error| wrong(&error))?;
         let scored = |(instance, pose): (&Instance, Option<Pose>)| {
-            let mesh = &self.objects[instance.object].mesh;
-            let error = |pose: Pose| Deviation::new(mesh, &task.camera, &pose, &instance.truth.camera_from_object);
-            (instance.object, pose.map(error))
+            let points = &self.objects[instance.object].points;
+            let error = |pose: Pose| Deviation::new(points, &task.camera, &pose, &instance.truth.camera_from_object);
+            let (diameter_m, image_width_px) = (points.diameter_m(), image.width());
+            (instance.object, ScoredView { deviation: pose.map(error), diameter_m, image_width_px })
         };
         Ok(task.instances.iter().zip(poses).map(scored).collect())
     }
