@@ -44,7 +44,8 @@ fn simulated(kind: usize, factor: f64) -> Consistency {
 }
 
 fn parts(consistency: &Consistency) -> [&GroupConsistency; 4] {
-    [&consistency.pose, &consistency.depth, &consistency.lateral, &consistency.rotation].map(|part| part.as_ref().unwrap())
+    [&consistency.pose, &consistency.depth, &consistency.lateral, &consistency.rotation]
+        .map(|part| part.as_ref().unwrap())
 }
 
 #[test]

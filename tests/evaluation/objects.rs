@@ -36,7 +36,8 @@ pub(crate) fn symmetries() -> [Symmetries; 3] {
 /// A wavy can of `rings` times `around` vertices, 12 cm high, about [`axis_beside_origin`].
 pub(crate) fn can(rings: u32, around: u32, symmetries: Symmetries) -> ObjectMesh {
     let vertex = |k: u32| {
-        let (height, angle) = (f64::from(k / around) / f64::from(rings), TAU * f64::from(k % around) / f64::from(around));
+        let (height, angle) =
+            (f64::from(k / around) / f64::from(rings), TAU * f64::from(k % around) / f64::from(around));
         let radius = 0.03 + 0.005 * (20.0 * height).sin();
         axis_beside_origin().offset_m + Vector3::new(radius * angle.cos(), radius * angle.sin(), 0.12 * height - 0.06)
     };

@@ -5,13 +5,13 @@ use proptest::prelude::*;
 use crate::objects::{any_pose, camera, can, points, symmetries};
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(ProptestConfig::with_cases(12))]
 
     /// The truth, or a pose that looks exactly like it, has full marks everywhere.
     #[test]
     fn the_truth_scores_full_marks(poses in prop::collection::vec(any_pose(), 1..5), element in 0..4usize, step in 0..315u32) {
         for symmetries in symmetries() {
-            let points = points(&can(12, 315, symmetries.clone()));
+            let points = points(&can(5, 315, symmetries.clone()));
             let mut views = Vec::new();
             let mut errors = Vec::new();
             for truth in &poses {

@@ -35,11 +35,7 @@ impl Bootstrap {
     /// cluster, and is drawn together. The statistic is `None` where it is not defined; such draws are left out.
     ///
     /// `None` with fewer than two clusters that have members, or if the statistic is never defined.
-    pub fn interval<T: Clone>(
-        &self,
-        clusters: &[Vec<T>],
-        statistic: impl Fn(&[T]) -> Option<f64>,
-    ) -> Option<Interval> {
+    pub fn interval<T: Clone>(&self, clusters: &[Vec<T>], statistic: impl Fn(&[T]) -> Option<f64>) -> Option<Interval> {
         let clusters: Vec<_> = clusters.iter().filter(|cluster| !cluster.is_empty()).collect();
         if clusters.len() < 2 {
             return None;

@@ -6,12 +6,13 @@ const LEAF: usize = 16;
 /// Sorts points so that each half, quarter, eighth (and so on) of them is a compact region: each part is halved at the median
 /// along its widest side.
 pub(super) fn spatial_order<const D: usize>(points: &mut [SVector<f64, D>]) {
-    sort_leaves(points, 0, 1 << depth(points.len()), points.len(), depth(points.len()));
+    let depth = points.len().next_power_of_two().ilog2();
+    sort_parts(points, 0, 1 << depth, points.len(), depth);
 }
 
-/// Sorts the points of the leaves `first..last` of so many points in all.
-fn sort_leaves<const D: usize>(points: &mut [SVector<f64, D>], first: usize, last: usize, all: usize, depth: u32) {
-    if last - first < 2 {
+/// Sorts the points of the parts `first..last` of `2^depth` parts of all points.
+fn sort_parts<const D: usize>(points: &mut [SVector<f64, D>], first: usize, last: usize, all: usize, depth: u32) {
+    if points.len() < 2 {
         return;
     }
     let [low, high] = bounds(points);
@@ -20,8 +21,8 @@ fn sort_leaves<const D: usize>(points: &mut [SVector<f64, D>], first: usize, las
     let (start, split) = ((first * all) >> depth, (middle * all) >> depth);
     points.select_nth_unstable_by(split - start, |a, b| a[axis].total_cmp(&b[axis]));
     let (before, after) = points.split_at_mut(split - start);
-    sort_leaves(before, first, middle, all, depth);
-    sort_leaves(after, middle, last, all, depth);
+    sort_parts(before, first, middle, all, depth);
+    sort_parts(after, middle, last, all, depth);
 }
 
 /// Halvings of so many points until each part is a leaf.

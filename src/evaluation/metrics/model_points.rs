@@ -69,7 +69,8 @@ impl ModelPoints {
         }
         let mut vertices = mesh.vertices.clone();
         spatial_order(&mut vertices);
-        let coarser = COARSER.iter().filter(|_| vertices.len() > 1 << FINEST).map(|depth| Sample::of(&vertices, *depth));
+        let coarser =
+            COARSER.iter().filter(|_| vertices.len() > 1 << FINEST).map(|depth| Sample::of(&vertices, *depth));
         let samples = coarser.chain([Sample::of(&vertices, FINEST)]).collect();
         let spread = Sample::of(&vertices, FIRST).parts.into_iter().map(|(place, _)| place).collect();
         let symmetries = mesh.symmetries.clone();

@@ -44,9 +44,7 @@ impl ScoredView {
     /// Share of the thresholds of AR_MSPD that the view is within, 0..1.
     #[must_use]
     pub fn recall_mspd(&self) -> f64 {
-        self.recall(|deviation| {
-            deviation.mspd_px / (MSPD_STEP_PX * f64::from(self.image_width_px) / MSPD_WIDTH_PX)
-        })
+        self.recall(|deviation| deviation.mspd_px / (MSPD_STEP_PX * f64::from(self.image_width_px) / MSPD_WIDTH_PX))
     }
 
     fn recall(&self, in_steps: impl Fn(&Deviation) -> f64) -> f64 {
@@ -100,8 +98,9 @@ impl Recall {
     #[must_use]
     pub fn of(views: &[ScoredView]) -> Option<Self> {
         let found = || views.iter().filter_map(|view| view.deviation);
-        let within =
-            |right: &dyn Fn(&Deviation) -> bool| share(found().filter(|deviation| right(deviation)).count(), views.len());
+        let within = |right: &dyn Fn(&Deviation) -> bool| {
+            share(found().filter(|deviation| right(deviation)).count(), views.len())
+        };
         let all = |value: fn(&Deviation) -> f64| {
             median(views.iter().map(|view| view.deviation.as_ref().map_or(f64::INFINITY, value)))
         };

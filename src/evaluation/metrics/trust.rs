@@ -127,7 +127,8 @@ mod tests {
 
     #[test]
     fn numbers_are_those_worked_out_by_hand() {
-        let trust = Trust::of(&claims(&[(0.95, true), (0.92, true), (0.9, false), (0.35, false), (0.3, true)])).unwrap();
+        let trust =
+            Trust::of(&claims(&[(0.95, true), (0.92, true), (0.9, false), (0.35, false), (0.3, true)])).unwrap();
         let brier = (0.05_f64.powi(2) + 0.08_f64.powi(2) + 0.9_f64.powi(2) + 0.35_f64.powi(2) + 0.7_f64.powi(2)) / 5.0;
         assert!((trust.brier - brier).abs() < 1e-12);
         // Bin 0.9: mean 0.92333 against 2/3. Bin 0.3: mean 0.325 against 1/2.
@@ -142,7 +143,8 @@ mod tests {
 
     #[test]
     fn what_is_no_confidence_is_counted() {
-        let trust = Trust::of(&claims(&[(f64::NAN, true), (1.1, true), (-0.1, false), (1.0, true), (0.0, false)])).unwrap();
+        let trust =
+            Trust::of(&claims(&[(f64::NAN, true), (1.1, true), (-0.1, false), (1.0, true), (0.0, false)])).unwrap();
         assert_eq!((trust.count, trust.unusable, trust.bins[9].count, trust.bins[0].count), (2, 3, 1, 1));
         assert_eq!((trust.brier, trust.ece, trust.aurc), (0.0, 0.0, 0.25));
         assert_eq!(Trust::of(&claims(&[(f64::NAN, true)])), None);
