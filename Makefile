@@ -41,9 +41,9 @@ openapi: onnxruntime ## Writes docs/openapi.json anew.
 fmt: ## Formats the code.
 	cargo fmt --all
 
-bench: onnxruntime ## Times the solver and the stages around the networks.
+bench: onnxruntime ## Times the solver, the stages around the networks and the errors of an evaluation.
 	cargo bench --locked --package posed-core --bench pnp
-	cargo bench --locked --bench stages
+	cargo bench --locked --bench stages --bench evaluation
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve

@@ -12,8 +12,6 @@ pub(super) fn least_maximum(
     value: impl Fn(usize, usize) -> f64,
 ) -> f64 {
     let over = |candidate: usize, some: &[usize]| some.iter().map(|item| value(candidate, *item)).fold(0.0, f64::max);
-    // With one candidate there is nothing to leave out.
-    let first = if candidates > 1 { first } else { &[] };
     let mut bounds: Vec<_> = (0..candidates).map(|candidate| (over(candidate, first), false)).collect();
     loop {
         let least = (0..candidates).min_by(|a, b| bounds[*a].0.total_cmp(&bounds[*b].0));

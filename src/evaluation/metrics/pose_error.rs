@@ -1,4 +1,3 @@
-use nalgebra::Vector2;
 use serde::Serialize;
 
 use super::hierarchy::Hierarchy;
@@ -65,24 +64,20 @@ fn mssd_m(points: &ModelPoints, estimate: &Pose, truth: &Pose) -> f64 {
     points.least_maximum(truth, squared).sqrt()
 }
 
-/// Mean distance and MSPD; `None` if a vertex has no projection under one of the poses.
+/// Mean distance and MSPD; `None` if a vertex has no projection under the estimate.
 fn in_pixels(points: &ModelPoints, camera: &Camera, estimate: &Pose, truth: &Pose) -> Option<(f64, f64)> {
     let vertices = points.vertices();
-    let project = |pose: &Pose| -> Option<Vec<Vector2<f64>>> {
-        vertices.iter().map(|vertex| camera.project(&pose.transform(vertex)).ok()).collect()
-    };
-    let (estimated, true_ones) = (project(estimate)?, project(truth)?);
+    let pixel = |pose: &Pose, place: usize| camera.project(&pose.transform(&vertices[place])).ok();
+    let estimated: Vec<_> = (0..vertices.len()).map(|place| pixel(estimate, place)).collect::<Option<_>>()?;
     let squared = |equal: &Pose, place: usize| {
-        let pixel = camera.project(&equal.transform(&vertices[place]));
-        pixel.map_or(f64::INFINITY, |pixel| (estimated[place] - pixel).norm_squared())
+        pixel(equal, place).map_or(f64::INFINITY, |pixel| (estimated[place] - pixel).norm_squared())
     };
     let mspd_px = points.least_maximum(truth, squared).sqrt();
     let mean_px = if points.symmetries().is_trivial() {
-        let apart = estimated.iter().zip(&true_ones).map(|(a, b)| (a - b).norm());
-        apart.sum::<f64>() / vertices.len() as f64
+        (0..vertices.len()).map(|place| squared(truth, place).sqrt()).sum::<f64>() / vertices.len() as f64
     } else {
         let estimated = Hierarchy::new(estimated);
-        points.sampled_mean(|place| estimated.distance(&true_ones[place]))
+        points.sampled_mean(|place| pixel(truth, place).map_or(f64::INFINITY, |pixel| estimated.distance(&pixel)))
     };
     Some((mean_px, mspd_px))
 }

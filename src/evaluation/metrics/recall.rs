@@ -11,9 +11,9 @@ const PROJECTION_PX: f64 = 5.0;
 const DEGREES_CENTIMETRES: [(u32, u32); 6] = [(2, 2), (5, 2), (5, 5), (10, 2), (10, 5), (10, 10)];
 /// Thresholds of an average recall are 1 to 10 times a step.
 const STEPS: u32 = 10;
-/// A step of AR_MSSD, of the diameter.
+/// A step of `AR_MSSD`, of the diameter.
 const MSSD_STEP: f64 = 0.05;
-/// A step of AR_MSPD, pixels in an image so wide.
+/// A step of `AR_MSPD`, pixels in an image so wide.
 const MSPD_STEP_PX: f64 = 5.0;
 const MSPD_WIDTH_PX: f64 = 640.0;
 
@@ -35,13 +35,13 @@ impl ScoredView {
         self.deviation.is_some_and(|deviation| deviation.add_m < ADD_SHARE_OF_DIAMETER * self.diameter_m)
     }
 
-    /// Share of the thresholds of AR_MSSD that the view is within, 0..1.
+    /// Share of the thresholds of `AR_MSSD` that the view is within, 0..1.
     #[must_use]
     pub fn recall_mssd(&self) -> f64 {
         self.recall(|deviation| deviation.mssd_m / (MSSD_STEP * self.diameter_m))
     }
 
-    /// Share of the thresholds of AR_MSPD that the view is within, 0..1.
+    /// Share of the thresholds of `AR_MSPD` that the view is within, 0..1.
     #[must_use]
     pub fn recall_mspd(&self) -> f64 {
         self.recall(|deviation| deviation.mspd_px / (MSPD_STEP_PX * f64::from(self.image_width_px) / MSPD_WIDTH_PX))
@@ -72,7 +72,7 @@ pub struct Recall {
     /// Mean over the thresholds 5 r, 10 r to 50 r pixels of the share with a smaller MSPD, where r is the image's width over 640.
     /// Ibidem.
     pub ar_mspd: f64,
-    /// Mean of AR_MSSD and AR_MSPD: the average recall of BOP without VSD, which needs depth images.
+    /// Mean of `AR_MSSD` and `AR_MSPD`: the average recall of BOP without VSD, which needs depth images.
     pub ar_without_vsd: f64,
     /// Median over all views; infinite (null in JSON) where half of them have no pose.
     pub median_add_m: f64,
