@@ -1,8 +1,12 @@
+/// So many items are looked at before the other candidates' bounds are.
+const CHUNK: usize = 8192;
+
 /// The least, over candidates, of the largest value that any item has for a candidate, without looking at all pairs: exact.
 ///
-/// The largest value over a few items is a lower bound for each candidate. The candidate with the least bound is looked at in
-/// full, and the item that was largest there joins the few, which raises the bounds of the others, until the least bound is a
-/// true value. Items that decide are few, and so are the candidates that are looked at in full.
+/// The largest value over a few items is a lower bound for each candidate. The candidate with the least bound is looked at,
+/// until it is no longer the least or all its items were seen. The item that was largest there raises the bounds of the others,
+/// too. Once the least bound is over all items, it is the answer. Items that decide are few, and so are candidates that are looked
+/// at in full.
 ///
 /// `first` names the items to start with. Infinite without candidates, 0 without items. Values must not be NaN.
 pub(super) fn least_maximum(
@@ -19,19 +23,26 @@ pub(super) fn least_maximum(
         if let (exact, true) = bounds[least] {
             return exact;
         }
-        let (mut largest, mut at) = (0.0, None);
-        for item in 0..items {
-            let value = value(least, item);
-            if value > largest {
-                (largest, at) = (value, Some(item));
+        let others = (0..candidates).filter(|other| *other != least).map(|other| bounds[other].0);
+        let next = others.fold(f64::INFINITY, f64::min);
+        let (mut largest, mut at, mut looked_at) = (bounds[least].0, None, 0);
+        // Once another candidate has a lower bound, that one is looked at.
+        while looked_at < items && largest <= next {
+            let until = items.min(looked_at + CHUNK);
+            for item in looked_at..until {
+                let value = value(least, item);
+                if value > largest {
+                    (largest, at) = (value, Some(item));
+                }
             }
+            looked_at = until;
         }
         for (candidate, (bound, exact)) in bounds.iter_mut().enumerate() {
             if let (false, Some(item)) = (*exact, at) {
                 *bound = bound.max(value(candidate, item));
             }
         }
-        bounds[least] = (largest, true);
+        bounds[least] = (largest, looked_at == items);
     }
 }
 
@@ -48,7 +59,9 @@ mod tests {
         ) {
             let maxima = table.iter().map(|row| row.iter().copied().fold(0.0, f64::max));
             let expected = maxima.fold(f64::INFINITY, f64::min);
-            let found = least_maximum(table.len(), 12, &first, |candidate, item| table[candidate][item]);
+            // Each value many times over, so that a candidate may be left half way.
+            let first: Vec<_> = first.into_iter().map(|item| item * CHUNK / 3).collect();
+            let found = least_maximum(table.len(), 4 * CHUNK, &first, |candidate, item| table[candidate][3 * item / CHUNK]);
             prop_assert_eq!(found.to_bits(), expected.to_bits());
         }
     }
