@@ -1,5 +1,6 @@
-//! Datasets of the field: ground truth in, accuracy out.
+//! Datasets of the field: ground truth in, accuracy out. And of a still scene without ground truth, how far its views agree.
 
+pub mod agreement;
 mod dataset;
 mod mesh;
 mod metrics;

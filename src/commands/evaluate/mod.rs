@@ -1,6 +1,7 @@
 mod plan;
 mod pool;
 mod problems;
+mod without_truth;
 mod work;
 
 use std::error::Error;
@@ -16,6 +17,7 @@ use crate::evaluation::{ObjectMesh, Score, Targets};
 use crate::model::{ObjectModel, References};
 use plan::{Plan, Selection};
 use pool::in_parallel;
+use without_truth::StillScenes;
 use work::{Object, Setup};
 
 #[derive(Args, Debug)]
@@ -27,8 +29,8 @@ pub(super) struct Evaluate {
     #[arg(long, value_name = "DIR")]
     split: PathBuf,
     /// Models folder of the dataset (meshes and `models_info.json`), or the dataset folder. Only the scores need it.
-    #[arg(long, value_name = "DIR")]
-    meshes: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "without_truth")]
+    meshes: Option<PathBuf>,
     /// BOP list of targets (`test_targets_bop19.json`): evaluate only these, and of each object the most visible instances.
     #[arg(long, value_name = "FILE.json")]
     targets: Option<PathBuf>,
@@ -41,6 +43,13 @@ pub(super) struct Evaluate {
     /// Use the boxes of the detector instead of the ground truth. A view without a pose counts as wrong.
     #[arg(long)]
     detector: bool,
+    /// Compare the poses with each other instead of ground truth: of still scenes, photographed from known camera poses
+    /// (`cam_R_w2c` and `cam_t_w2c` in `scene_camera.json`). Uses the whole pipeline, with the detector.
+    #[arg(long, conflicts_with_all = ["meshes", "targets", "min_visible", "max_visible", "detector", "camera"])]
+    without_truth: bool,
+    /// Write all figures, those of each pose, too, to this file.
+    #[arg(long, value_name = "FILE.json", requires = "without_truth")]
+    json: Option<PathBuf>,
     /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
     #[arg(long)]
     keep_going: bool,
@@ -55,6 +64,18 @@ pub(super) struct Evaluate {
 
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
+        if self.without_truth {
+            let still = StillScenes {
+                objects: &self.objects,
+                split: &self.split,
+                options: self.dataset.options()?,
+                models: &self.models,
+                jobs: usize::from(self.jobs),
+                keep_going: self.keep_going,
+                json: self.json.as_deref(),
+            };
+            return still.run();
+        }
         let boxes = if self.detector { "The detector's boxes" } else { "Ground-truth boxes" };
         let (split, visible) = (self.split.display(), self.visible());
         println!("{boxes} of {split}, visible fraction {} to {}\n", visible.start(), visible.end());
@@ -109,7 +130,8 @@ impl Evaluate {
 
     fn object(&self, name: &str) -> Result<Object, Box<dyn Error>> {
         let model = ObjectModel::load(&self.models.models, name)?;
-        let mesh = ObjectMesh::read(&self.meshes, model.manifest.obj_id)?;
+        let meshes = self.meshes.as_deref().ok_or("--meshes is missing")?;
+        let mesh = ObjectMesh::read(meshes, model.manifest.obj_id)?;
         let offset = if self.detector {
             None
         } else {

@@ -14,6 +14,10 @@ impl Problems {
         self.all.push(problem);
     }
 
+    pub(super) fn all(&self) -> &[String] {
+        &self.all
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
