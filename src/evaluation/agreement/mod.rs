@@ -1,9 +1,13 @@
 //! How exact poses are, told without ground truth: of a still scene, photographed from known camera poses, every image must give
 //! the same `world_from_object`. How far each pose is from what the others say is its error, as far as the others are right.
 //!
-//! What this cannot see is an error that all images share: that of the calibrated offset, or of camera poses that are wrong
-//! as a whole. It is also blind to errors that images from nearly one direction share, such as that of the depth. So the
-//! angle between the views is reported, too.
+//! What this cannot see is an error that all images share: that of the calibrated offset, or a shift of all camera poses. Images
+//! from nearly one direction share more, such as a wrong depth; so the angle between the views is reported, too. From all around, a
+//! wrong scale (of the keypoints, the focal length or the camera poses) shows as a depth that most views err in alike.
+//! Errors of single camera poses count as errors of the answers.
+//!
+//! The offset's uncertainty is part of an answer's covariance, but all answers share that one error. [`Observation`]s come without
+//! it. Of a symmetric object the answers do not quite share it: it is turned by the symmetry that they differ by.
 
 mod consensus;
 mod deviation;

@@ -3,8 +3,8 @@ use super::totals::{Spread, Totals};
 use posed_core::pnp::Status;
 
 /// What the agreement of views says nothing about.
-pub const BLIND_SPOTS: &str = "It cannot see what all views share: an error of the reference image (the offset), of the \
-    keypoints' scale, or of all camera poses together.";
+pub const BLIND_SPOTS: &str = "This cannot see what all views share, such as an error of the reference image (the offset). \
+    Errors of the camera poses and of 'cam_K' count as errors of the answers.";
 
 /// Views from nearly one direction share their errors.
 const MIN_VIEW_ANGLE_DEG: f64 = 20.0;
@@ -64,8 +64,8 @@ fn of_spread(spread: &Spread, diameter_m: f64) -> Vec<String> {
     if sigmas > MIN_SIGMAS && spread.depth_bias_m.abs() > MIN_BIAS * diameter_m {
         let side = if spread.depth_bias_m > 0.0 { "farther from" } else { "nearer to" };
         all.push(format!(
-            "the answers lie {:.1} mm {side} the camera than the other views say (median): check the focal length, that the images \
-             were not resized, and the size of the object",
+            "the answers lie {:.1} mm {side} the camera than the other views say (median): a wrong focal length, resized images or \
+             an object of another size look so; otherwise the network is at fault",
             1e3 * spread.depth_bias_m.abs()
         ));
     }
