@@ -59,7 +59,7 @@ fn covariances_that_are_too_small_are_told() {
 
 #[test]
 fn a_turned_pose_is_a_flip_and_named() {
-    let mut observations = drawn(&truth(), 6, 1);
+    let mut observations = drawn(&truth(), 6, 0);
     let others = deviations(&shape(), observations.clone());
     observations[3].world_from_object = observations[3].world_from_object * turn(Vector3::y(), 90.0);
     let scenes = [agreement(&shape(), observations)];

@@ -48,7 +48,7 @@ pub(super) struct Evaluate {
     #[arg(long, conflicts_with_all = ["meshes", "targets", "min_visible", "max_visible", "detector", "camera"])]
     without_truth: bool,
     /// Write all figures, those of each pose, too, to this file.
-    #[arg(long, value_name = "FILE.json", requires = "without_truth")]
+    #[arg(long, value_name = "FILE.json", requires = "without_truth", conflicts_with = "meshes")]
     json: Option<PathBuf>,
     /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
     #[arg(long)]
