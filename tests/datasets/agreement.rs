@@ -50,7 +50,9 @@ fn true_covariances_have_the_nees_that_theory_says() {
 #[test]
 fn covariances_that_are_too_small_are_told() {
     let mut observations = drawn(&truth(), 40, 7);
-    observations.iter_mut().for_each(|one| one.covariance *= 0.25);
+    for one in &mut observations {
+        one.covariance *= 0.25;
+    }
     let scenes = [agreement(&shape(), observations)];
     let totals = Totals::of(40, &scenes);
     assert!((totals.spread_of_ok.as_ref().unwrap().nees_mean / 24.0 - 1.0).abs() < 0.3, "{totals:?}");

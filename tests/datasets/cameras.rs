@@ -52,7 +52,8 @@ fn camera_poses_are_read_beside_the_truth() {
         all["0"]["cam_t_w2c"] = json!([0, 0, 500]);
     });
     let view = folder.read().unwrap().view(0).unwrap();
-    assert_eq!(view.world_from_camera.unwrap().translation_m(), [0.0, 0.0, -0.5]);
+    let camera = *view.world_from_camera.unwrap().translation();
+    assert!((camera + nalgebra::Vector3::z() * 0.5).norm() < 1e-12, "{camera}");
     assert_eq!(view.objects.len(), 2);
 }
 
@@ -60,7 +61,7 @@ fn camera_poses_are_read_beside_the_truth() {
 fn what_is_wrong_with_a_camera_pose_is_named() {
     type Case<'a> = (&'a dyn Fn(&mut Value), &'a str);
     let remove = |entry: &mut Value, fields: &[&str]| {
-        fields.iter().for_each(|field| drop(entry.as_object_mut().unwrap().remove(*field)));
+        entry.as_object_mut().unwrap().retain(|field, _| !fields.contains(&field.as_str()));
     };
     let cases: [Case<'_>; 7] = [
         (&|entry| remove(entry, &["cam_R_w2c", "cam_t_w2c"]), "fields 'cam_R_w2c' and 'cam_t_w2c' are missing"),
