@@ -41,9 +41,9 @@ openapi: onnxruntime ## Writes docs/openapi.json anew.
 fmt: ## Formats the code.
 	cargo fmt --all
 
-bench: onnxruntime ## Times the solver and the stages around the networks.
+bench: onnxruntime ## Times the solver, the stages around the networks and the errors of an evaluation.
 	cargo bench --locked --package posed-core --bench pnp
-	cargo bench --locked --bench stages
+	cargo bench --locked --bench stages --bench evaluation
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
@@ -89,6 +89,6 @@ fresh-scenes: $(BLENDER)/.done ## Renders fresh scenes of the demo objects into 
 	$(RENDER) $(FRESH)/single --engine cycles --views 1 --scenes 160 --first 200000
 	$(RENDER) $(FRESH)/views --engine cycles --views 8 --scenes 20 --first 210000
 
-evaluate-fresh: onnxruntime build ## Scores the shipped models on the fresh scenes.
-	target/release/posed evaluate cube bracket motor link --split $(FRESH)/single --meshes training/demo/models --detector
-	target/release/posed evaluate cube bracket motor link --split $(FRESH)/views --meshes training/demo/models --detector
+evaluate-fresh: onnxruntime build ## Scores the shipped models on the fresh scenes; writes report.html and report.json there.
+	target/release/posed evaluate cube bracket motor link --split $(FRESH)/single --split $(FRESH)/views \
+		--meshes training/demo/models --detector --html $(FRESH)/report.html --json $(FRESH)/report.json

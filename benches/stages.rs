@@ -75,6 +75,7 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         pose: Some(SolvedPose {
             camera_from_object: Pose::identity(),
             covariance: Covariance6::identity(),
+            image_covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,
             keypoints: vec![SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: 1.0, inlier: true }; 8],
             alternatives: Vec::new(),

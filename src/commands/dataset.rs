@@ -19,6 +19,6 @@ pub(super) struct DatasetArgs {
 impl DatasetArgs {
     pub(super) fn options(&self) -> Result<ReadOptions, ManifestError> {
         let camera = self.camera.as_deref().map(read_json).transpose()?;
-        Ok(ReadOptions { sensor: self.sensor.clone(), camera })
+        Ok(ReadOptions { sensor: self.sensor.clone(), camera, ..ReadOptions::default() })
     }
 }

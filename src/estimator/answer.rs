@@ -127,6 +127,9 @@ impl ObjectPose {
 pub struct SolvedPose {
     pub camera_from_object: Pose,
     pub covariance: Covariance6,
+    /// The part of `covariance` that is this image's own, about the same axes. The rest is the offset's uncertainty: one error,
+    /// the same in every image.
+    pub image_covariance: Covariance6,
     pub reprojection_rmse_px: f64,
     pub keypoints: Vec<SolvedKeypoint>,
     /// Other poses with their posterior weights.
@@ -148,6 +151,13 @@ impl SolvedPose {
     #[must_use]
     pub fn in_frame(&self, frame_from_camera: &Pose) -> (Pose, Covariance6) {
         let covariance = rotated_covariance(frame_from_camera.rotation(), &self.covariance);
+        (*frame_from_camera * self.camera_from_object, covariance)
+    }
+
+    /// As [`SolvedPose::in_frame`], with [`SolvedPose::image_covariance`]: for comparing the poses of several images.
+    #[must_use]
+    pub fn of_image_in_frame(&self, frame_from_camera: &Pose) -> (Pose, Covariance6) {
+        let covariance = rotated_covariance(frame_from_camera.rotation(), &self.image_covariance);
         (*frame_from_camera * self.camera_from_object, covariance)
     }
 }

@@ -4,7 +4,7 @@ use super::answer::MeasureError;
 use super::verdict::{Reason, Verdict};
 use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
 use crate::vision::BoundingBox;
-use posed_core::calibration::{AverageError, Consensus, Mode, Offset, average};
+use posed_core::calibration::{AverageError, Averaged, Consensus, Mode, Offset, average};
 use posed_core::geometry::{Camera, Pose, sigmas};
 use posed_core::pnp::{Solution, Status};
 
@@ -38,33 +38,12 @@ pub enum CalibrateError {
 /// # Errors
 /// When an image is too weak, or the images contradict each other.
 pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> Result<Reference, CalibrateError> {
-    for view in &views {
-        let (agreeing, keypoints) = (view.solution.inlier_count(), view.solution.residuals().len());
-        if agreeing < MIN_INLIERS {
-            let source = MeasureError::FewInliers { agreeing, keypoints };
-            return Err(CalibrateError::Measure { file: view.file.clone(), source });
-        }
-        let mut verdict = Verdict::of(&view.solution);
-        if sigmas(&view.solution.covariance).1 > MAX_SIGMA_ROTATION_RAD {
-            verdict.object(Reason::UncertainPose, Status::LowConfidence);
-        }
-        if verdict.status != Status::Ok {
-            let reasons = verdict.reasons.iter().map(|reason| reason.to_string()).collect::<Vec<_>>().join(", ");
-            return Err(CalibrateError::Measure {
-                file: view.file.clone(),
-                source: MeasureError::Doubtful { reasons },
-            });
-        }
-    }
-    let measured = |v: &MeasuredView| Offset::measure(&v.camera_from_object, &v.solution.pose, &v.solution.covariance);
-    let mut offsets: Vec<Offset> = views.iter().map(measured).collect();
-    // The best known one says which of the orientations that look alike is meant.
-    if let Some(best) = offsets.iter().min_by(|a, b| a.sigmas().1.total_cmp(&b.sigmas().1)).cloned() {
-        for offset in &mut offsets {
-            *offset = offset.nearest(&model.symmetries, &best);
-        }
-    }
-    let averaged = average(&offsets, mode, &Consensus::default())?;
+    let measured = |view: &MeasuredView| {
+        let offset = measure_offset(&view.camera_from_object, &view.solution);
+        offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })
+    };
+    let offsets = views.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
+    let averaged = average_offsets(model, offsets, mode)?;
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
         image: view.file,
@@ -82,4 +61,38 @@ pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> R
         views: views.collect(),
         offset: averaged.offset,
     })
+}
+
+/// The offset that one reference image gives, where its object's pose is known.
+///
+/// # Errors
+/// When the solution is too weak to rest every later answer on.
+pub fn measure_offset(camera_from_object: &Pose, solution: &Solution) -> Result<Offset, MeasureError> {
+    let (agreeing, keypoints) = (solution.inlier_count(), solution.residuals().len());
+    if agreeing < MIN_INLIERS {
+        return Err(MeasureError::FewInliers { agreeing, keypoints });
+    }
+    let mut verdict = Verdict::of(solution);
+    if sigmas(&solution.covariance).1 > MAX_SIGMA_ROTATION_RAD {
+        verdict.object(Reason::UncertainPose, Status::LowConfidence);
+    }
+    if verdict.status != Status::Ok {
+        let reasons = verdict.reasons.iter().map(|reason| reason.to_string()).collect::<Vec<_>>().join(", ");
+        return Err(MeasureError::Doubtful { reasons });
+    }
+    Ok(Offset::measure(camera_from_object, &solution.pose, &solution.covariance))
+}
+
+/// One offset from those of several reference images.
+///
+/// # Errors
+/// When the images contradict each other.
+pub fn average_offsets(model: &ObjectModel, mut offsets: Vec<Offset>, mode: Mode) -> Result<Averaged, AverageError> {
+    // The best known one says which of the orientations that look alike is meant.
+    if let Some(best) = offsets.iter().min_by(|a, b| a.sigmas().1.total_cmp(&b.sigmas().1)).cloned() {
+        for offset in &mut offsets {
+            *offset = offset.nearest(&model.symmetries, &best);
+        }
+    }
+    average(&offsets, mode, &Consensus::default())
 }

@@ -76,11 +76,13 @@ fn solved_pose(
         (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
     };
     let (camera_from_object, covariance) = in_user_frame(&solution.pose, &solution.covariance);
+    let lever = camera_from_object.translation() - solution.pose.translation();
     let alternatives = solution.alternatives.iter().flatten().filter(|a| a.weight > MIN_ALTERNATIVE_WEIGHT);
     let keypoints = prediction.pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
     SolvedPose {
         camera_from_object,
         covariance,
+        image_covariance: covariance_about(&solution.covariance, &lever),
         reprojection_rmse_px: solution.rmse_px(),
         keypoints: keypoints
             .map(|((pixel, peak), residual)| SolvedKeypoint {

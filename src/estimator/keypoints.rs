@@ -8,8 +8,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::answer::{EstimateError, KeypointPrediction};
 use crate::model::{
-    Backend, CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, ObjectModel, Outputs,
-    RuntimeError, SecondLook,
+    CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, Outputs, RuntimeError, SecondLook,
 };
 use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_squares, find_peak, to_planes};
 use posed_core::geometry::{Affine, Camera};
@@ -301,45 +300,15 @@ pub(super) fn solve(
     pnp::solve(&manifest.keypoints(), &prediction.pixels, &prediction.covariances, camera, options)
 }
 
-/// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
-pub(super) fn solve_within(
+/// The keypoints within one box of an image.
+pub(super) fn locate_within(
     manifest: &KeypointManifest,
     network: &mut dyn Network,
     resizer: &mut Resizer,
     image: &RgbImage,
     region: &BoundingBox,
-    camera: &Camera,
-) -> Result<Result<Solution, PnpError>, EstimateError> {
-    let camera = camera.for_image(image.width(), image.height())?;
+) -> Result<KeypointPrediction, EstimateError> {
     let crops = cut(manifest, resizer, image, *region)?;
-    let predictions = locate(manifest, network, resizer, &[crops])?;
-    Ok(solve(manifest, &predictions[0], &camera, &pnp::Options::default()))
-}
-
-/// One object's keypoint net on its own: for calibration and evaluation with known boxes.
-pub struct KeypointSolver<'a> {
-    model: &'a ObjectModel,
-    network: Box<dyn Network>,
-    resizer: Resizer,
-}
-
-impl<'a> KeypointSolver<'a> {
-    /// # Errors
-    /// When the network cannot be run.
-    pub fn new(model: &'a ObjectModel, backend: &dyn Backend) -> Result<Self, RuntimeError> {
-        Ok(Self { model, network: model.network(backend)?, resizer: Resizer::new() })
-    }
-
-    /// Solves the pose of the object's virtual keypoints, `camera_from_keypoints`, within one box.
-    ///
-    /// # Errors
-    /// When the network fails on the box, or no pose fits its keypoints (inner result).
-    pub fn solve(
-        &mut self,
-        image: &RgbImage,
-        region: &BoundingBox,
-        camera: &Camera,
-    ) -> Result<Result<Solution, PnpError>, EstimateError> {
-        solve_within(&self.model.manifest, self.network.as_mut(), &mut self.resizer, image, region, camera)
-    }
+    // One box, one prediction.
+    Ok(locate(manifest, network, resizer, &[crops])?.swap_remove(0))
 }

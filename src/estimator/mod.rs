@@ -13,6 +13,7 @@ mod picture;
 mod pipeline;
 mod prepare;
 mod queue;
+mod solver;
 mod stats;
 mod verdict;
 mod worker;
@@ -22,12 +23,12 @@ pub use answer::{
     Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
     Selection, SolvedKeypoint, SolvedPose, Timings,
 };
-pub use calibrate::{CalibrateError, MeasuredView, calibrate};
+pub use calibrate::{CalibrateError, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
-pub use keypoints::KeypointSolver;
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig};
+pub use solver::KeypointSolver;
 pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
 pub use worker::StartError;

@@ -98,16 +98,17 @@ fn evaluate_scores_a_split() {
         let output = evaluate(extra);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let text = String::from_utf8(output.stdout).unwrap();
-        text.lines().last().unwrap().split('|').map(|cell| cell.trim().to_owned()).collect::<Vec<_>>()
+        text.lines().nth(4).unwrap().split('|').skip(1).map(|cell| cell.trim().to_owned()).collect::<Vec<_>>()
     };
-    assert_eq!(row(&["--reference", folder])[1..8], ["cube", "1", "100.0", "100.0", "100.0", "0.00", "0.0"]);
+    let cells = row(&["--reference", folder]);
+    assert_eq!(cells[..9], ["cube", "0.7..1", "1", "100.0", "100.0", "100.0", "100.0", "0.00", "0.0"]);
     for extra in [&[][..], &["--detector"][..]] {
         let cells = row(extra);
-        assert_eq!(cells[1..3], ["cube", "1"]);
-        let rotation_deg: f64 = cells[6].parse().unwrap();
+        assert_eq!((cells[0].as_str(), cells[2].as_str()), ("cube", "1"));
+        let rotation_deg: f64 = cells[7].parse().unwrap();
         assert!(rotation_deg > 0.0 && rotation_deg < 30.0, "{rotation_deg}");
     }
-    assert!(explanation(&evaluate(&["--max-visible", "0.1", "--min-visible", "0"])).contains("no view of cube"));
+    assert!(explanation(&evaluate(&["--visible", "0..0.1"])).contains("no view of cube"));
 }
 
 #[test]

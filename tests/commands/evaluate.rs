@@ -1,5 +1,6 @@
 //! `posed evaluate` on splits with faults.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -38,11 +39,20 @@ fn evaluate(split: &Path, extra: &[&str]) -> Output {
     run(&[&common[..], extra].concat())
 }
 
-/// The cells of the table's only row.
+/// The cells of the first row of the first table: accuracy. Object, visible, views, ADD(-S) and so on.
 fn row(output: &Output) -> Vec<String> {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout.clone()).unwrap();
-    text.lines().last().unwrap().split('|').map(|cell| cell.trim().to_owned()).collect()
+    text.lines().nth(4).unwrap().split('|').skip(1).map(|cell| cell.trim().to_owned()).collect()
+}
+
+/// All figures of an evaluation.
+fn figures(split: &Path, extra: &[&str]) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("figures.json");
+    let output = evaluate(split, &[&["--json", path.to_str().unwrap()], extra].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
 #[test]
@@ -98,7 +108,7 @@ fn lists_of_different_length_are_an_error() {
 fn an_object_that_is_not_seen_is_no_view_of_it() {
     let split = split(2);
     edit(&split.path().join("000005/scene_gt_info.json"), |all| all["1"][0]["bbox_visib"] = json!([-1, -1, -1, -1]));
-    let output = evaluate(split.path(), &["--min-visible", "0"]);
+    let output = evaluate(split.path(), &["--visible", "0..1"]);
     assert_eq!(row(&output)[2], "1");
     assert!(String::from_utf8_lossy(&output.stderr).contains("not visible: 1"));
 }
@@ -118,4 +128,127 @@ fn only_targets_are_scored() {
     );
     let said = explanation(&evaluate(split.path(), &extra));
     assert!(said.contains("scene 5") && said.contains("image 77"), "{said}");
+}
+
+/// Ground truth in the form of a file of results, moved by so many millimetres along x.
+fn truth_as_results(split: &Path, shift_mm: f64) -> String {
+    let scene = split.join("000005");
+    let truths: Value = serde_json::from_slice(&fs::read(scene.join("scene_gt.json")).unwrap()).unwrap();
+    let mut lines = "scene_id,im_id,obj_id,score,R,t,time\n".to_owned();
+    for (image, objects) in truths.as_object().unwrap() {
+        for object in objects.as_array().unwrap() {
+            let numbers = |field: &str| -> Vec<f64> { serde_json::from_value(object[field].clone()).unwrap() };
+            let words = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+            let mut translation = numbers("cam_t_m2c");
+            translation[0] += shift_mm;
+            let (rotation, translation) = (words(&numbers("cam_R_m2c")), words(&translation));
+            writeln!(lines, "5,{image},{},1.0,{rotation},{translation},0.1", object["obj_id"]).unwrap();
+        }
+    }
+    lines
+}
+
+#[test]
+fn truth_as_the_estimate_scores_full_marks_and_an_error_is_measured() {
+    let split = split(3);
+    let file = split.path().join("truth_set-test.csv");
+    let score = |shift_mm: f64| {
+        fs::write(&file, truth_as_results(split.path(), shift_mm)).unwrap();
+        let common = ["evaluate", "cube", "bracket", "motor", "link", "--split", split.path().to_str().unwrap()];
+        let json = split.path().join("figures.json");
+        let extra = ["--meshes", "training/demo/models", "--visible", "0..1", "--estimates", file.to_str().unwrap()];
+        let output = run(&[&common[..], &extra, &["--json", json.to_str().unwrap()]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let report: Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+        report["sections"].as_array().unwrap().clone()
+    };
+    let sections = score(0.0);
+    // Four objects, and all of them together.
+    assert_eq!(sections.len(), 5);
+    for section in sections {
+        let recall = &section["recall"];
+        for figure in ["add", "proj5", "ar_mssd", "ar_mspd", "ar_without_vsd"] {
+            assert_eq!(recall[figure], 1.0, "{figure} of {section}");
+        }
+        assert!(recall["degrees_centimetres"].as_array().unwrap().iter().all(|one| one["share"] == 1.0));
+        assert!(recall["median_add_m"].as_f64().unwrap() < 1e-9);
+        assert_eq!(section["verdicts"]["ok_wrong"], 0);
+        assert_eq!(section["intervals"]["add"]["low"], 1.0);
+    }
+    for section in score(60.0) {
+        let recall = &section["recall"];
+        assert_eq!((&recall["add"], &section["verdicts"]["ok_wrong"]), (&json!(0.0), &recall["views"]), "{section}");
+        assert!((recall["median_translation_m"].as_f64().unwrap() - 0.06).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn what_is_written_for_the_toolkit_scores_as_what_was_estimated() {
+    let split = split(2);
+    let folder = tempfile::tempdir().unwrap();
+    let estimated =
+        figures(split.path(), &["--detector", "--bop", folder.path().to_str().unwrap(), "--method", "mine"]);
+    let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
+    names.sort();
+    let file = names[0].to_str().unwrap();
+    assert!(file.contains("/mine_") && names[0].extension().unwrap() == "csv", "{file}");
+    let read = figures(split.path(), &["--estimates", file]);
+    let [read, estimated_recall] = [&read, &estimated].map(|report| &report["sections"][0]["recall"]);
+    for figure in ["views", "add", "proj5", "ar_mssd", "ar_mspd", "degrees_centimetres"] {
+        assert_eq!(read[figure], estimated_recall[figure], "{figure}");
+    }
+    let median = |recall: &Value| recall["median_add_m"].as_f64().unwrap();
+    assert!((median(read) - median(estimated_recall)).abs() < 1e-9);
+    let boxes: Value = serde_json::from_slice(&fs::read(&names[1]).unwrap()).unwrap();
+    let cube = boxes.as_array().unwrap().iter().find(|one| one["category_id"] == 1).unwrap();
+    assert_eq!((&cube["scene_id"], cube["bbox"].as_array().unwrap().len()), (&json!(5), 4));
+    assert_eq!(estimated["detection"][0]["recall"], 1.0);
+}
+
+#[test]
+fn a_report_holds_all_that_it_shows() {
+    let split = split(1);
+    let path = split.path().join("report.html");
+    let output = evaluate(split.path(), &["--html", path.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let page = fs::read_to_string(&path).unwrap();
+    assert!(page.matches("<svg").count() >= 4 && page.contains("data:image/jpeg;base64,"));
+    // Nothing is loaded from elsewhere; names of XML formats are no addresses to load.
+    let addresses = page.replace("http://www.w3.org/", "");
+    assert!(!addresses.contains("http") && !page.contains("<script") && !page.contains("<link"));
+}
+
+#[test]
+fn each_range_of_visibility_has_its_row() {
+    let split = split(3);
+    for (image, fraction) in [("1", 0.5), ("2", 0.1)] {
+        edit(&split.path().join("000005/scene_gt_info.json"), |all| {
+            all[image].as_array_mut().unwrap().iter_mut().for_each(|object| object["visib_fract"] = json!(fraction));
+        });
+    }
+    let report = figures(split.path(), &["--visible", "0.7..1", "--visible", "0.3..0.7"]);
+    let rows: Vec<_> =
+        report["sections"].as_array().unwrap().iter().map(|s| (&s["visible"], &s["recall"]["views"])).collect();
+    assert_eq!(rows, [(&json!("0.7..1"), &json!(1)), (&json!("0.3..0.7"), &json!(1))]);
+    let said = explanation(&evaluate(split.path(), &["--visible", "0.8..0.2"]));
+    assert!(said.contains("--visible") && said.contains("LOW..HIGH"), "{said}");
+}
+
+#[test]
+fn more_references_are_studied() {
+    let split = split(4);
+    let path = split.path().to_str().unwrap();
+    let plot = split.path().join("references.svg");
+    let output = evaluate(split.path(), &["--references-study", path, "--plot", plot.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let rows: Vec<Vec<_>> =
+        text.lines().skip(2).map(|line| line.split('|').skip(1).take(4).map(str::trim).collect()).collect();
+    // Four views: one and three of them are drawn, and all are taken once.
+    let counts: Vec<_> = rows.iter().map(|row| (row[1], row[2], row[3])).collect();
+    let of_mode = |mode| [("1", mode, "10"), ("3", mode, "10"), ("4", mode, "1")];
+    assert_eq!(counts, [of_mode("weighted"), of_mode("paper")].concat());
+    assert!(fs::read_to_string(plot).unwrap().starts_with("<svg"));
+    // The references are the very views that are scored.
+    assert!(text.lines().nth(2).unwrap().contains("100.0 (100.0 to 100.0)"), "{text}");
 }

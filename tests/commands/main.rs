@@ -6,6 +6,7 @@ mod estimate;
 mod evaluate;
 mod refusals;
 mod settings;
+mod still;
 #[path = "../support/mod.rs"]
 mod support;
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use posed::evaluation::{ObjectMesh, add};
+use posed::evaluation::{ModelPoints, ObjectMesh};
 use posed_core::geometry::Pose;
 use serde::Deserialize;
 use serde_json::Value;
@@ -150,7 +150,8 @@ impl KnownObject {
         let model = ObjectMesh::read(&root().join("training/demo/models"), self.obj_id).unwrap();
         let truth = Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap();
         let answer = Pose::from_quaternion_xyzw(rotation_xyzw, translation_m).unwrap();
-        add(&model, &answer, &truth) / model.diameter_m
+        let points = ModelPoints::new(&model).unwrap();
+        points.average_distance_m(&answer, &truth) / points.diameter_m()
     }
 }
 

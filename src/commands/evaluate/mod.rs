@@ -1,157 +1,105 @@
+//! `posed evaluate`.
+
+mod answers;
+mod options;
+mod output;
 mod plan;
 mod pool;
 mod problems;
+mod scoring;
+mod sheets;
+mod study;
+mod table;
+mod without_truth;
 mod work;
 
 use std::error::Error;
-use std::ops::RangeInclusive;
-use std::path::PathBuf;
 
 use clap::Args;
-use indicatif::ProgressBar;
 
 use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
-use crate::evaluation::{ObjectMesh, Score, Targets};
-use crate::model::{ObjectModel, References};
-use plan::{Plan, Selection};
-use pool::in_parallel;
-use work::{Object, Setup};
+use crate::evaluation::{ObjectRecords, Report, page};
+use options::{OutputArgs, SplitArgs};
+use scoring::Scoring;
+use without_truth::StillScenes;
 
 #[derive(Args, Debug)]
 pub(super) struct Evaluate {
     /// Names of the objects. Each has a folder in the models folder.
     #[arg(required = true)]
     objects: Vec<String>,
-    /// BOP split or LINEMOD data folder: scene folders with their ground truth. Or one scene folder.
-    #[arg(long, value_name = "DIR")]
-    split: PathBuf,
-    /// Models folder of the dataset (meshes and `models_info.json`), or the dataset folder. Only the scores need it.
-    #[arg(long, value_name = "DIR")]
-    meshes: PathBuf,
-    /// BOP list of targets (`test_targets_bop19.json`): evaluate only these, and of each object the most visible instances.
-    #[arg(long, value_name = "FILE.json")]
-    targets: Option<PathBuf>,
-    /// Minimum visible fraction of the object in a view.
-    #[arg(long, default_value_t = 0.7)]
-    min_visible: f64,
-    /// Maximum visible fraction of the object in a view.
-    #[arg(long, default_value_t = 1.0)]
-    max_visible: f64,
-    /// Use the boxes of the detector instead of the ground truth. A view without a pose counts as wrong.
-    #[arg(long)]
-    detector: bool,
-    /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
-    #[arg(long)]
-    keep_going: bool,
-    /// Number of images to process in parallel. Each job loads its own networks.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    jobs: u16,
+    #[command(flatten)]
+    splits: SplitArgs,
+    #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
+    work: WorkArgs,
     #[command(flatten)]
     dataset: DatasetArgs,
     #[command(flatten)]
     models: ModelArgs,
 }
 
+/// How images are worked through.
+#[derive(Args, Clone, Debug)]
+struct WorkArgs {
+    /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
+    #[arg(long)]
+    keep_going: bool,
+    /// Number of images to process in parallel. Each job loads its own networks.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    jobs: u16,
+}
+
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let boxes = if self.detector { "The detector's boxes" } else { "Ground-truth boxes" };
-        let (split, visible) = (self.split.display(), self.visible());
-        println!("{boxes} of {split}, visible fraction {} to {}\n", visible.start(), visible.end());
-        let objects = self.objects.iter().map(|name| self.object(name)).collect::<Result<Vec<_>, _>>()?;
-        let Plan { tasks, mut problems } = self.plan(&objects)?;
-        if !self.keep_going {
-            problems.none_or_error()?;
+        self.output.check()?;
+        if self.splits.without_truth {
+            return self.compare_views();
         }
-        let jobs = usize::from(self.jobs);
-        let runtime = self.models.runtime_for(jobs)?;
-        let library = if self.detector { Some(self.models.library()?) } else { None };
-        let setup = Setup { objects: &objects, runtime: &runtime, library };
-        let progress = ProgressBar::new(tasks.len() as u64).with_message(self.objects.join(", "));
-        let stop_early = !self.keep_going;
-        let results = in_parallel(
-            &tasks,
-            jobs,
-            stop_early,
-            || setup.scorer(),
-            |scorer, task| {
-                let result = scorer.score(task);
-                progress.inc(1);
-                result
-            },
-        )?;
-        progress.finish_and_clear();
-        let mut errors = vec![Vec::new(); objects.len()];
-        for result in results {
-            match result {
-                Ok(scored) => scored.into_iter().for_each(|(object, error)| errors[object].push(error)),
-                Err(reason) => problems.push(reason),
-            }
+        let scoring = Scoring::new(&self)?;
+        if let Some(references) = &self.splits.references_study {
+            let rows = scoring.study(references)?;
+            print!("{}", study::table(&rows));
+            self.output.write_json(&rows)?;
+            return Ok(self.output.write_plot(&study::plot(&rows))?);
         }
-        if !self.keep_going {
-            problems.none_or_error()?;
+        let mut scored = Vec::new();
+        for split in &self.splits.splits {
+            let split = scoring.score(split)?;
+            self.output.write_bop(&split.path, &split.written)?;
+            scored.push(split);
         }
-        self.all_seen(|object| !errors[object].is_empty()).inspect_err(|_| problems.report())?;
-        println!(
-            "| object | views | ADD(-S) % | Proj-5 % | 5°5cm % | rotation, median (deg) | translation, median (mm) |"
-        );
-        println!("|---|---|---|---|---|---|---|");
-        for (object, errors) in objects.iter().zip(&errors) {
-            print_row(&object.model.manifest.name, &Score::of(errors, &object.mesh));
+        scoring.check_seen(&scored)?;
+        let all: Vec<ObjectRecords> = scored.iter_mut().flat_map(|split| std::mem::take(&mut split.objects)).collect();
+        let report = Report::new(self.splits.boxes(), &self.splits.visible, &all);
+        print!("{}", table::tables(&report));
+        self.output.write_json(&report)?;
+        if self.output.html.is_some() {
+            let sheets = sheets::sheets(&scoring, &scored, &all)?;
+            self.output.write_html(&page(&report, &all, &sheets))?;
         }
-        problems.report();
+        for split in &scored {
+            split.problems.report();
+        }
         Ok(())
     }
 
-    fn visible(&self) -> RangeInclusive<f64> {
-        self.min_visible..=self.max_visible
-    }
-
-    fn object(&self, name: &str) -> Result<Object, Box<dyn Error>> {
-        let model = ObjectModel::load(&self.models.models, name)?;
-        let mesh = ObjectMesh::read(&self.meshes, model.manifest.obj_id)?;
-        let offset = if self.detector {
-            None
-        } else {
-            let reference = References::read(&self.models.reference, &model)?;
-            Some(
-                reference
-                    .ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?
-                    .offset,
-            )
+    /// Without ground truth.
+    fn compare_views(&self) -> Result<(), Box<dyn Error>> {
+        let [split] = &self.splits.splits[..] else {
+            return Err("--without-truth takes one --split; its scenes may be many".into());
         };
-        Ok(Object { model, mesh, offset })
+        let still = StillScenes {
+            objects: &self.objects,
+            split,
+            options: self.dataset.options()?,
+            models: &self.models,
+            jobs: usize::from(self.work.jobs),
+            keep_going: self.work.keep_going,
+            output: &self.output,
+        };
+        still.run()
     }
-
-    fn plan(&self, objects: &[Object]) -> Result<Plan, Box<dyn Error>> {
-        let targets = self.targets.as_deref().map(Targets::read).transpose()?;
-        let obj_ids: Vec<_> = objects.iter().map(|object| object.model.manifest.obj_id).collect();
-        let selection = Selection { obj_ids: &obj_ids, visible: self.visible(), targets: targets.as_ref() };
-        let plan = Plan::of(&self.split, &self.dataset.options()?, &selection)?;
-        if self.keep_going || plan.problems.is_empty() {
-            let planned = |object| plan.tasks.iter().flat_map(|task| &task.instances).any(|one| one.object == object);
-            self.all_seen(planned).inspect_err(|_| plan.problems.report())?;
-        }
-        Ok(plan)
-    }
-
-    /// An error if there is an object without any view.
-    fn all_seen(&self, is_seen: impl Fn(usize) -> bool) -> Result<(), String> {
-        let unseen = (0..).zip(&self.objects).find(|(place, _)| !is_seen(*place));
-        unseen.map_or(Ok(()), |(_, name)| {
-            Err(format!("{}: no view of {name} lies within --min-visible and --max-visible", self.split.display()))
-        })
-    }
-}
-
-fn print_row(name: &str, score: &Score) {
-    println!(
-        "| {name} | {} | {:.1} | {:.1} | {:.1} | {:.2} | {:.1} |",
-        score.views,
-        100.0 * score.add,
-        100.0 * score.proj5,
-        100.0 * score.deg5_cm5,
-        score.median_rotation_deg,
-        1e3 * score.median_translation_m,
-    );
 }

@@ -1,32 +1,39 @@
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use super::problems::Problems;
-use crate::evaluation::{DatasetError, GroundTruth, ReadOptions, Scene, Targets, View, scenes};
+use crate::evaluation::{DatasetError, GroundTruth, ReadOptions, Scene, Targets, View, VisibleRange, scenes};
 use crate::vision::BoundingBox;
 use posed_core::geometry::Camera;
 
 /// What is wanted of a dataset.
 pub(super) struct Selection<'a> {
     pub(super) obj_ids: &'a [u32],
-    pub(super) visible: RangeInclusive<f64>,
+    pub(super) visible: &'a [VisibleRange],
     pub(super) targets: Option<&'a Targets>,
+    /// Whether images matter in which no object counts: a detector may see one there.
+    pub(super) empty_images: bool,
 }
 
 /// One image to score, without its pixels.
 pub(super) struct Task {
+    pub(super) scene: String,
+    pub(super) scene_id: Option<u32>,
+    pub(super) image_id: u32,
     pub(super) image: PathBuf,
     pub(super) camera: Camera,
+    /// Those that count first.
     pub(super) instances: Vec<Instance>,
 }
 
-/// An object to find in it.
+/// An object that is in it.
 pub(super) struct Instance {
     /// Place among the evaluated objects.
     pub(super) object: usize,
     pub(super) truth: GroundTruth,
     pub(super) region: BoundingBox,
+    /// Whether it is scored. Others are there for a detector to find, and neither right nor wrong.
+    pub(super) counts: bool,
 }
 
 /// All images to score. Of a scene, only what is needed of it is kept.
@@ -53,18 +60,22 @@ impl Plan {
     }
 
     fn add(&mut self, scene: &Scene, selection: &Selection<'_>) {
+        let name = scene.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         for image_id in scene.image_ids() {
             // Only what is asked about may stop the evaluation.
             let wanted = selection.in_image(scene, image_id);
-            if wanted.is_empty() {
+            if wanted.is_empty() && !selection.is_listed(scene, image_id) {
                 continue;
             }
             match scene.view(image_id) {
                 Ok(view) => {
-                    let counts = |(object, count)| self.instances(&view, selection, object, count);
-                    let instances: Vec<_> = wanted.into_iter().flat_map(counts).collect();
-                    if !instances.is_empty() {
-                        self.tasks.push(Task { image: view.image, camera: view.camera, instances });
+                    let of_object = |(object, count)| self.instances(&view, selection, object, count);
+                    let mut instances: Vec<_> = wanted.into_iter().flat_map(of_object).collect();
+                    instances.sort_by_key(|instance| !instance.counts);
+                    if selection.empty_images || instances.iter().any(|instance| instance.counts) {
+                        let View { image, camera, .. } = view;
+                        let scene_id = scene.id;
+                        self.tasks.push(Task { scene: name.clone(), scene_id, image_id, image, camera, instances });
                     }
                 }
                 Err(error) => self.problems.push(error.to_string()),
@@ -72,7 +83,7 @@ impl Plan {
         }
     }
 
-    /// The instances of one object that count, those that are seen best first.
+    /// The instances of one object, those that are seen best first: at most `count` of them count.
     fn instances(&mut self, view: &View, selection: &Selection<'_>, object: usize, count: usize) -> Vec<Instance> {
         let truths = match view.truths(selection.obj_ids[object]) {
             Ok(truths) => truths,
@@ -87,12 +98,12 @@ impl Plan {
                 self.problems.invisible += 1;
                 continue;
             };
-            if selection.visible.contains(&visible_fraction(truth)) {
-                instances.push(Instance { object, truth: truth.clone(), region });
-            }
+            let counts = selection.visible.iter().any(|range| range.contains(visible_fraction(truth)));
+            instances.push(Instance { object, truth: truth.clone(), region, counts });
         }
         instances.sort_by(|a, b| visible_fraction(&b.truth).total_cmp(&visible_fraction(&a.truth)));
-        instances.truncate(count);
+        let beyond = instances.iter_mut().filter(|instance| instance.counts).skip(count);
+        beyond.for_each(|instance| instance.counts = false);
         instances
     }
 
@@ -121,11 +132,21 @@ impl Selection<'_> {
             (Some(targets), Some(scene_id)) => targets.instances(scene_id, image_id, obj_id),
             (Some(_), None) => 0,
         };
-        self.obj_ids.iter().enumerate().map(|(place, obj_id)| (place, count(*obj_id))).filter(|(_, n)| *n > 0).collect()
+        let counts = self.obj_ids.iter().enumerate().map(|(place, obj_id)| (place, count(*obj_id)));
+        // A detector that sees an instance which does not count is not wrong.
+        counts
+            .filter(|(place, n)| *n > 0 || self.empty_images && scene.may_show(image_id, self.obj_ids[*place]))
+            .collect()
+    }
+
+    /// Whether an image counts even if no object does.
+    fn is_listed(&self, scene: &Scene, image_id: u32) -> bool {
+        let listed = |targets: &Targets| scene.id.is_some_and(|scene_id| targets.has_image(scene_id, image_id));
+        self.empty_images && self.targets.is_none_or(listed)
     }
 }
 
 /// Where a dataset does not say, all of it.
-fn visible_fraction(truth: &GroundTruth) -> f64 {
+pub(super) fn visible_fraction(truth: &GroundTruth) -> f64 {
     truth.visible_fraction.unwrap_or(1.0)
 }

@@ -14,8 +14,8 @@ impl Problems {
         self.all.push(problem);
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.all.is_empty()
+    pub(super) fn all(&self) -> &[String] {
+        &self.all
     }
 
     /// An error that lists them.

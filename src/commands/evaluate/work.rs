@@ -1,106 +1,137 @@
-use std::sync::Arc;
+use nalgebra::Vector3;
 
-use image::RgbImage;
-
-use super::plan::{Instance, Task};
-use crate::estimator::{EstimateError, Estimator, KeypointSolver, ObjectPose};
-use crate::evaluation::{Deviation, ObjectMesh};
-use crate::model::{Library, ObjectModel, References, Runtime};
-use crate::vision::{DecodeOptions, read_image};
-use posed_core::calibration::Offset;
-use posed_core::geometry::{Camera, Pose};
+use super::answers::{Answerer, Said};
+use super::plan::{Instance, Task, visible_fraction};
+use crate::evaluation::{
+    Answer, BoxResult, Deviation, FoundBox, Matching, ModelPoints, Place, PoseNees, PoseResult, Record, Scored,
+    TrueBox, assign,
+};
 
 /// Intersection over union with the true box from which on a detection is of this object.
 const SAME_PLACE_OVERLAP: f64 = 0.5;
 
-/// An object that is evaluated.
-pub(super) struct Object {
-    pub(super) model: ObjectModel,
-    pub(super) mesh: ObjectMesh,
-    /// Of an object whose boxes are given; the pipeline knows its own.
-    pub(super) offset: Option<Offset>,
+/// All that is kept of one image.
+pub(super) struct ImageResult {
+    /// Place of the object among the evaluated ones.
+    pub(super) records: Vec<(usize, Record)>,
+    /// Answers that mean none of the instances in the image.
+    pub(super) unmatched: Vec<(usize, Answer)>,
+    /// Of each object, if there was a detector.
+    pub(super) matchings: Vec<Matching>,
+    pub(super) poses: Vec<PoseResult>,
+    pub(super) boxes: Vec<BoxResult>,
 }
 
-/// What all workers share.
-pub(super) struct Setup<'a> {
-    pub(super) objects: &'a [Object],
-    pub(super) runtime: &'a Runtime,
-    /// Of the whole pipeline, if that is what is evaluated.
-    pub(super) library: Option<(Arc<Library>, Arc<References>)>,
+/// What is known of one evaluated object.
+pub(super) struct Known {
+    pub(super) obj_id: u32,
+    pub(super) points: ModelPoints,
+    /// Of the box about its vertices, metres.
+    pub(super) corners: [Vector3<f64>; 8],
 }
 
-/// One worker's networks.
-pub(super) struct Scorer<'a> {
-    objects: &'a [Object],
-    method: Method<'a>,
-}
-
-enum Method<'a> {
-    Boxes(Vec<KeypointSolver<'a>>),
-    Pipeline(Box<Estimator>),
-}
-
-/// The place of an object, and how far its pose is from the truth; `None` where there was no answer.
-pub(super) type Scored = (usize, Option<Deviation>);
-
-impl<'a> Setup<'a> {
-    pub(super) fn scorer(&self) -> Result<Scorer<'a>, String> {
-        let method = match &self.library {
-            None => {
-                let solver = |object: &'a Object| KeypointSolver::new(&object.model, self.runtime);
-                self.objects.iter().map(solver).collect::<Result<_, _>>().map(Method::Boxes)
-            }
-            Some((library, references)) => Estimator::new(Arc::clone(library), Arc::clone(references), self.runtime)
-                .map(|estimator| Method::Pipeline(Box::new(estimator))),
-        };
-        Ok(Scorer { objects: self.objects, method: method.map_err(|error| error.to_string())? })
-    }
-}
-
-impl Scorer<'_> {
-    pub(super) fn score(&mut self, task: &Task) -> Result<Vec<Scored>, String> {
-        let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", task.image.display());
-        let image = read_image(&task.image, &DecodeOptions::default()).map_err(|error| wrong(&error))?;
-        let poses = self.poses(&image, &task.camera, &task.instances).map_err(|error| wrong(&error))?;
-        let scored = |(instance, pose): (&Instance, Option<Pose>)| {
-            let mesh = &self.objects[instance.object].mesh;
-            let error = |pose: Pose| Deviation::new(mesh, &task.camera, &pose, &instance.truth.camera_from_object);
-            (instance.object, pose.map(error))
-        };
-        Ok(task.instances.iter().zip(poses).map(scored).collect())
-    }
-
-    fn poses(
-        &mut self,
-        image: &RgbImage,
-        camera: &Camera,
-        instances: &[Instance],
-    ) -> Result<Vec<Option<Pose>>, EstimateError> {
-        match &mut self.method {
-            Method::Boxes(solvers) => {
-                let within_box = |instance: &Instance| {
-                    let solved = solvers[instance.object].solve(image, &instance.region, camera)?.ok();
-                    let offset = self.objects[instance.object].offset.as_ref();
-                    Ok(solved.zip(offset).map(|(found, offset)| offset.apply(&found.pose, &found.covariance).0))
-                };
-                instances.iter().map(within_box).collect()
-            }
-            Method::Pipeline(estimator) => {
-                let found = estimator.estimate(image, camera)?.poses;
-                let at_place = |instance: &Instance| {
-                    let name = &self.objects[instance.object].model.manifest.name;
-                    most_trusted(&found, name, instance)
-                };
-                Ok(instances.iter().map(at_place).collect())
-            }
+/// Scores the answers to one image.
+///
+/// # Errors
+/// In words that name the image.
+pub(super) fn score(known: &[Known], answerer: &mut Answerer<'_>, task: &Task) -> Result<ImageResult, String> {
+    let said = answerer.answer(task)?;
+    let (poses, boxes) = lines(known, task, &said);
+    let (matchings, meant) =
+        if said.by_detector { by_box(known.len(), task, &said) } else { (Vec::new(), by_pose(known, task, &said)) };
+    let mut result = ImageResult { records: Vec::new(), unmatched: Vec::new(), matchings, poses, boxes };
+    let Said { mut of_instances, anywhere, width_px, .. } = said;
+    of_instances.resize(task.instances.len(), None);
+    for ((object, answer), instance) in anywhere.into_iter().zip(meant) {
+        match instance {
+            Some(instance) => of_instances[instance] = Some(answer),
+            None => result.unmatched.push((object, answer)),
         }
     }
+    for (instance, answer) in task.instances.iter().zip(of_instances).filter(|(instance, _)| instance.counts) {
+        let record = Record {
+            place: Place { scene: task.scene.clone(), image_id: task.image_id, instance: instance.truth.place },
+            visible_fraction: visible_fraction(&instance.truth),
+            camera_from_object: instance.truth.camera_from_object,
+            region: instance.region,
+            image_width_px: width_px,
+            said: answer.map(|answer| scored(known, task, instance, answer)),
+        };
+        result.records.push((instance.object, record));
+    }
+    Ok(result)
 }
 
-/// The most trusted pose that the whole pipeline finds at the place of the true object, whatever its status.
-fn most_trusted(found: &[ObjectPose], name: &str, instance: &Instance) -> Option<Pose> {
-    let there = |pose: &&ObjectPose| {
-        pose.object == name && pose.detection.bounding_box.overlap(&instance.region) > SAME_PLACE_OVERLAP
+fn scored(known: &[Known], task: &Task, instance: &Instance, answer: Answer) -> Scored {
+    let points = &known[instance.object].points;
+    let truth = &instance.truth.camera_from_object;
+    let nees = || PoseNees::new(points, answer.pose.as_ref()?, answer.covariance.as_ref()?, truth);
+    Scored { deviation: deviation(known, task, instance, &answer), nees: nees(), answer }
+}
+
+fn deviation(known: &[Known], task: &Task, instance: &Instance, answer: &Answer) -> Option<Deviation> {
+    let points = &known[instance.object].points;
+    let of_pose = |pose| Deviation::new(points, &task.camera, &pose, &instance.truth.camera_from_object);
+    answer.pose.map(of_pose)
+}
+
+/// What the detector found of each object, and the instance that each answer means.
+fn by_box(objects: usize, task: &Task, said: &Said) -> (Vec<Matching>, Vec<Option<usize>>) {
+    let mut meant = vec![None; said.anywhere.len()];
+    let of_object = |object: usize| {
+        let (answers, found): (Vec<_>, Vec<_>) = (0..)
+            .zip(&said.anywhere)
+            .filter(|(_, (of, _))| *of == object)
+            .filter_map(|(place, (_, answer))| {
+                let seen = answer.detection?;
+                Some((place, FoundBox { object, score: seen.score, bounding_box: seen.region }))
+            })
+            .unzip();
+        let (instances, truths): (Vec<_>, Vec<_>) = (0..)
+            .zip(&task.instances)
+            .filter(|(_, instance)| instance.object == object)
+            .map(|(place, instance)| {
+                (place, TrueBox { object, bounding_box: instance.region, ignored: !instance.counts })
+            })
+            .unzip();
+        let matching = Matching::new(&found, &truths, SAME_PLACE_OVERLAP);
+        for (answer, truth) in answers.into_iter().zip(&matching.of_found) {
+            let answer: usize = answer;
+            meant[answer] = truth.map(|truth| instances[truth]);
+        }
+        matching
     };
-    Some(found.iter().find(there)?.pose.as_ref()?.camera_from_object)
+    let matchings = (0..objects).map(of_object).collect();
+    (matchings, meant)
+}
+
+/// The instance that each answer of a file of results means, which has no boxes: the one that it is nearest to.
+fn by_pose(known: &[Known], task: &Task, said: &Said) -> Vec<Option<usize>> {
+    assign(said.anywhere.len(), task.instances.len(), |answer, instance| {
+        let (object, answer) = &said.anywhere[answer];
+        let instance = &task.instances[instance];
+        let near = |deviation: Deviation| deviation.add_m;
+        deviation(known, task, instance, answer).filter(|_| instance.object == *object).map(near)
+    })
+}
+
+/// The image's lines in files of results. A scene without a number has none there.
+fn lines(known: &[Known], task: &Task, said: &Said) -> (Vec<PoseResult>, Vec<BoxResult>) {
+    let (mut poses, mut boxes) = (Vec::new(), Vec::new());
+    let Some(scene_id) = task.scene_id else { return (poses, boxes) };
+    let (image_id, time_s) = (task.image_id, said.time_s);
+    let counting = task.instances.iter().filter(|instance| instance.counts).map(|instance| instance.object);
+    let in_boxes = counting.zip(&said.of_instances).filter_map(|(object, answer)| Some((object, answer.as_ref()?)));
+    let anywhere = said.anywhere.iter().map(|(object, answer)| (*object, answer));
+    for (object, answer) in in_boxes.chain(anywhere) {
+        let obj_id = known[object].obj_id;
+        if let Some(camera_from_object) = answer.pose {
+            let score = answer.confidence;
+            poses.push(PoseResult { scene_id, image_id, obj_id, score, camera_from_object, time_s });
+        }
+        if let Some(seen) = answer.detection {
+            boxes.push(BoxResult::new(scene_id, image_id, obj_id, seen.region, seen.score, time_s));
+        }
+    }
+    (poses, boxes)
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::entry::{CameraEntry, InfoEntry, PoseEntry};
+use super::entry::{CameraEntry, InfoEntry, PoseEntry, seen_by};
 use super::error::{DatasetError, ImageError, ImageProblem};
 use super::file::{ByNumber, json_by_number};
 use super::scene::{Annotation, GroundTruth, Known, Scene, check_unit};
@@ -23,14 +23,33 @@ fn beside(scene: &Path, stem: &str, sensor: &str) -> PathBuf {
     if own.is_file() { own } else { scene.join(named(stem, "")) }
 }
 
+/// `scene_camera.json`, or that of a sensor.
+pub(super) fn cameras_file(scene: &Path, sensor: &str) -> PathBuf {
+    beside(scene, "scene_camera", sensor)
+}
+
+/// The images and cameras of a scene, without its ground truth.
+pub(super) fn read_cameras(scene: &Path, sensor: &str) -> Result<Scene, DatasetError> {
+    let path = cameras_file(scene, sensor);
+    let entries: ByNumber<CameraEntry> = json_by_number(&path)?;
+    check_unit(&path, "cam_t_w2c", entries.values().flatten().filter_map(CameraEntry::world_distance))?;
+    let known = |(image_id, entry): (u32, Result<CameraEntry, String>)| {
+        let wrong = |problem| ImageError { path: path.clone(), image_id, problem };
+        let (camera, world_from_camera) =
+            seen_by(entry.as_ref().map_err(|reason| ImageProblem::Syntax(reason.clone())), wrong);
+        (image_id, Known { camera, world_from_camera, objects: Ok(Vec::new()) })
+    };
+    Scene::new(scene, sensor, entries.into_iter().map(known).collect())
+}
+
 pub(super) fn read(scene: &Path, sensor: &str) -> Result<Scene, DatasetError> {
     let path = poses_file(scene, sensor);
     let poses: ByNumber<Vec<PoseEntry>> = json_by_number(&path)?;
-    check_unit(&path, poses.values().flatten().flatten().filter_map(PoseEntry::distance))?;
+    check_unit(&path, "cam_t_m2c", poses.values().flatten().flatten().filter_map(PoseEntry::distance))?;
     let mut reader = Reader {
         poses_name: named("scene_gt", sensor),
-        cameras: json_by_number(&beside(scene, "scene_camera", sensor))?,
-        cameras_path: beside(scene, "scene_camera", sensor),
+        cameras: json_by_number(&cameras_file(scene, sensor))?,
+        cameras_path: cameras_file(scene, sensor),
         infos: json_by_number(&beside(scene, "scene_gt_info", sensor))?,
         infos_path: beside(scene, "scene_gt_info", sensor),
         path,
@@ -50,13 +69,10 @@ struct Reader {
 
 impl Reader {
     fn known(&mut self, image_id: u32, poses: Result<Vec<PoseEntry>, String>) -> Known {
-        Known { camera: self.camera(image_id), objects: self.objects(image_id, poses) }
-    }
-
-    fn camera(&mut self, image_id: u32) -> Result<posed_core::geometry::Camera, ImageError> {
         let wrong = |problem| ImageError { path: self.cameras_path.clone(), image_id, problem };
-        let entry = taken(&mut self.cameras, image_id, &self.poses_name).map_err(wrong)?;
-        entry.camera().map_err(wrong)
+        let entry = taken(&mut self.cameras, image_id, &self.poses_name);
+        let (camera, world_from_camera) = seen_by(entry.as_ref().map_err(Clone::clone), wrong);
+        Known { camera, world_from_camera, objects: self.objects(image_id, poses) }
     }
 
     fn objects(&mut self, image_id: u32, poses: Result<Vec<PoseEntry>, String>) -> Result<Vec<Annotation>, ImageError> {

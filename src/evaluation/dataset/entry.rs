@@ -3,7 +3,7 @@
 
 use serde::Deserialize;
 
-use super::error::ImageProblem;
+use super::error::{ImageError, ImageProblem};
 use crate::vision::BoundingBox;
 use posed_core::geometry::{Camera, METRES_PER_MILLIMETRE, Pose};
 
@@ -12,6 +12,10 @@ use posed_core::geometry::{Camera, METRES_PER_MILLIMETRE, Pose};
 pub(super) struct CameraEntry {
     #[serde(rename = "cam_K")]
     matrix: Option<Vec<f64>>,
+    #[serde(rename = "cam_R_w2c")]
+    world_rotation: Option<Vec<f64>>,
+    #[serde(rename = "cam_t_w2c")]
+    world_translation_mm: Option<Vec<f64>>,
 }
 
 /// An entry of `scene_gt.json` or `gt.yml`.
@@ -49,15 +53,53 @@ impl CameraEntry {
         }
         Camera::pinhole(fx, fy, cx, cy).map_err(ImageProblem::Camera)
     }
+
+    /// Distance of the world's origin in the file's unit, if it can be read.
+    pub(super) fn world_distance(&self) -> Option<f64> {
+        length(self.world_translation_mm.as_deref())
+    }
+
+    /// The camera's pose in the world.
+    pub(super) fn world_from_camera(&self) -> Result<Pose, ImageProblem> {
+        let (rotation, translation_mm) = (self.world_rotation.as_deref(), self.world_translation_mm.as_deref());
+        if rotation.is_none() && translation_mm.is_none() {
+            return Err(ImageProblem::NoCameraPose);
+        }
+        let rotation = world_numbers("cam_R_w2c", rotation)?;
+        let translation_mm: [f64; 3] = world_numbers("cam_t_w2c", translation_mm)?;
+        let translation_m = translation_mm.map(|millimetres| millimetres * METRES_PER_MILLIMETRE);
+        let camera_from_world = Pose::from_row_major(rotation, translation_m).map_err(ImageProblem::CameraPose)?;
+        Ok(camera_from_world.inverse())
+    }
+}
+
+fn world_numbers<const N: usize>(field: &'static str, values: Option<&[f64]>) -> Result<[f64; N], ImageProblem> {
+    let wrong = |reason: String| ImageProblem::CameraPoseField { field, reason };
+    let values = values.ok_or_else(|| wrong("is missing".into()))?;
+    values.try_into().map_err(|_| wrong(format!("has {} numbers instead of {N}", values.len())))
+}
+
+/// An image's camera, and its pose in the world.
+pub(super) type Seen = (Result<Camera, ImageError>, Result<Pose, ImageError>);
+
+/// What an entry says of both; why not, where it is not there or cannot be read.
+pub(super) fn seen_by(entry: Result<&CameraEntry, ImageProblem>, wrong: impl Fn(ImageProblem) -> ImageError) -> Seen {
+    match entry {
+        Ok(entry) => (entry.camera().map_err(&wrong), entry.world_from_camera().map_err(&wrong)),
+        Err(problem) => (Err(wrong(problem.clone())), Err(wrong(problem))),
+    }
+}
+
+/// Length of a translation of three finite numbers.
+fn length(translation: Option<&[f64]>) -> Option<f64> {
+    let translation = translation.filter(|translation| translation.len() == 3)?;
+    Some(translation.iter().map(|x| x * x).sum::<f64>().sqrt()).filter(|length| length.is_finite())
 }
 
 impl PoseEntry {
     /// Distance from the camera in the file's unit, if it can be read.
     pub(super) fn distance(&self) -> Option<f64> {
-        let translation = self.translation_mm.as_deref()?;
-        (translation.len() == 3)
-            .then(|| translation.iter().map(|x| x * x).sum::<f64>().sqrt())
-            .filter(|d| d.is_finite())
+        length(self.translation_mm.as_deref())
     }
 
     pub(super) fn pose(&self, place: usize) -> Result<Pose, ImageProblem> {

@@ -17,6 +17,8 @@ pub enum DatasetError {
         path.display()
     )]
     NoScene { path: PathBuf, suffix: String },
+    #[error("{}: no scene of the BOP format; one has scene_camera{suffix}.json and its images in rgb/ or gray/", path.display())]
+    NoCameras { path: PathBuf, suffix: String },
     #[error("{}: no images; the scene is empty", path.display())]
     Empty { path: PathBuf },
     #[error(
@@ -56,6 +58,15 @@ pub enum ImageProblem {
     Matrix(String),
     #[error("field 'cam_K': {0}")]
     Camera(#[source] CameraError),
+    #[error(
+        "fields 'cam_R_w2c' and 'cam_t_w2c' are missing: the camera's pose is not known; state the rotation (9 numbers, \
+         row-major) and the translation (3 numbers, mm) that lead from the world to the camera"
+    )]
+    NoCameraPose,
+    #[error("field '{field}' {reason}")]
+    CameraPoseField { field: &'static str, reason: String },
+    #[error("field 'cam_R_w2c' or 'cam_t_w2c': {0}")]
+    CameraPose(#[source] PoseError),
     #[error("object {obj_id} (number {place} of its list): field '{field}' {reason}")]
     Field { obj_id: u32, place: usize, field: &'static str, reason: String },
     #[error("object {obj_id} (number {place} of its list): field 'cam_R_m2c' or 'cam_t_m2c': {source}")]

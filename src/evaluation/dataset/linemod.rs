@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::entry::{CameraEntry, PoseEntry};
+use super::entry::{CameraEntry, PoseEntry, Seen, seen_by};
 use super::error::{DatasetError, ImageError, ImageProblem};
 use super::file::{ByNumber, yaml_by_number};
 use super::scene::{Annotation, GroundTruth, Known, Scene, check_unit};
@@ -16,7 +16,7 @@ pub(super) fn poses_file(scene: &Path) -> PathBuf {
 pub(super) fn read(scene: &Path, camera: Option<&Camera>) -> Result<Scene, DatasetError> {
     let path = poses_file(scene);
     let poses: ByNumber<Vec<PoseEntry>> = yaml_by_number(&path)?;
-    check_unit(&path, poses.values().flatten().flatten().filter_map(PoseEntry::distance))?;
+    check_unit(&path, "cam_t_m2c", poses.values().flatten().flatten().filter_map(PoseEntry::distance))?;
     let cameras = Cameras::read(scene, camera)?;
     let known = |(image_id, poses): (u32, Result<Vec<PoseEntry>, String>)| {
         let wrong = |problem| ImageError { path: path.clone(), image_id, problem };
@@ -25,7 +25,8 @@ pub(super) fn read(scene: &Path, camera: Option<&Camera>) -> Result<Scene, Datas
             poses.into_iter().enumerate().map(truth).collect()
         };
         let objects = poses.map(annotations).map_err(|reason| wrong(ImageProblem::Syntax(reason)));
-        (image_id, Known { camera: cameras.of(image_id), objects })
+        let (camera, world_from_camera) = cameras.of(image_id);
+        (image_id, Known { camera, world_from_camera, objects })
     };
     Scene::new(scene, "", poses.into_iter().map(known).collect())
 }
@@ -41,7 +42,7 @@ fn annotation(place: usize, pose: &PoseEntry, wrong: impl Fn(ImageProblem) -> Im
 
 enum Cameras {
     Stated { path: PathBuf, entries: ByNumber<CameraEntry> },
-    Given(Camera),
+    Given { path: PathBuf, camera: Camera },
 }
 
 impl Cameras {
@@ -49,19 +50,23 @@ impl Cameras {
         let path = scene.join("info.yml");
         match given {
             _ if path.is_file() => Ok(Self::Stated { entries: yaml_by_number(&path)?, path }),
-            Some(camera) => Ok(Self::Given(camera.clone())),
+            Some(camera) => Ok(Self::Given { path: poses_file(scene), camera: camera.clone() }),
             None => Err(DatasetError::NoCamera { path: poses_file(scene) }),
         }
     }
 
-    fn of(&self, image_id: u32) -> Result<Camera, ImageError> {
+    /// An image's camera and its pose in the world.
+    fn of(&self, image_id: u32) -> Seen {
         match self {
-            Self::Given(camera) => Ok(camera.clone()),
+            Self::Given { camera, path } => {
+                let error = ImageError { path: path.clone(), image_id, problem: ImageProblem::NoCameraPose };
+                (Ok(camera.clone()), Err(error))
+            }
             Self::Stated { path, entries } => {
                 let wrong = |problem| ImageError { path: path.clone(), image_id, problem };
-                let absent = || ImageProblem::NotListed { listed: "gt.yml".into() };
-                let entry = entries.get(&image_id).ok_or_else(absent).map_err(wrong)?;
-                entry.as_ref().map_err(|reason| wrong(ImageProblem::Syntax(reason.clone())))?.camera().map_err(wrong)
+                let absent = ImageProblem::NotListed { listed: "gt.yml".into() };
+                let entry = entries.get(&image_id).ok_or(absent);
+                seen_by(entry.and_then(|entry| entry.as_ref().map_err(|e| ImageProblem::Syntax(e.clone()))), wrong)
             }
         }
     }

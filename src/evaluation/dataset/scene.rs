@@ -23,6 +23,7 @@ pub struct Scene {
 #[derive(Clone, Debug)]
 pub(super) struct Known {
     pub(super) camera: Result<Camera, ImageError>,
+    pub(super) world_from_camera: Result<Pose, ImageError>,
     pub(super) objects: Result<Vec<Annotation>, ImageError>,
 }
 
@@ -53,6 +54,8 @@ pub struct View {
     pub image_id: u32,
     pub image: PathBuf,
     pub camera: Camera,
+    /// Pose of the camera in the scene's world; an error where it is not stated, or wrong.
+    pub world_from_camera: Result<Pose, ImageError>,
     pub objects: Vec<Annotation>,
 }
 
@@ -65,7 +68,7 @@ impl Scene {
         Ok(Self { path: path.into(), id, sensor: sensor.into(), images })
     }
 
-    /// Numbers of the images that have ground truth, in order.
+    /// Numbers of the images that have ground truth (of all, if it is not read), in order.
     pub fn image_ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.images.keys().copied()
     }
@@ -86,7 +89,7 @@ impl Scene {
         let known = self.images.get(&image_id).ok_or_else(|| wrong(ImageProblem::Absent(image_id)))?;
         let (objects, camera) = (known.objects.clone()?, known.camera.clone()?);
         let image = pixels::find(&self.path, &self.sensor, image_id).map_err(wrong)?;
-        Ok(View { image_id, image, camera, objects })
+        Ok(View { image_id, image, camera, world_from_camera: known.world_from_camera.clone(), objects })
     }
 }
 
@@ -102,11 +105,15 @@ impl View {
 }
 
 /// Refuses translations that are stated in metres: taken for millimetres they would make every estimate look wrong.
-pub(super) fn check_unit(path: &Path, distances: impl Iterator<Item = f64>) -> Result<(), DatasetError> {
+pub(super) fn check_unit(
+    path: &Path,
+    field: &'static str,
+    distances: impl Iterator<Item = f64>,
+) -> Result<(), DatasetError> {
     let longest_mm = distances.fold(0.0, f64::max);
     if longest_mm > 0.0 && longest_mm < METRES_BELOW_MM {
         let limit_mm = METRES_BELOW_MM;
-        return Err(DatasetError::Metres { path: path.into(), field: "cam_t_m2c", limit_mm, longest_mm });
+        return Err(DatasetError::Metres { path: path.into(), field, limit_mm, longest_mm });
     }
     Ok(())
 }

@@ -12,6 +12,8 @@ pub struct ReadOptions {
     pub sensor: String,
     /// The camera of images whose dataset states none.
     pub camera: Option<Camera>,
+    /// Read no ground truth, whether it is there or not: only images and cameras, of scenes of the BOP format.
+    pub without_truth: bool,
 }
 
 /// A folder that holds a scene. Reading it parses its files once, for all images.
@@ -24,6 +26,7 @@ pub struct SceneFolder {
 #[derive(Clone, Copy, Debug)]
 enum Layout {
     Bop,
+    BopCameras,
     Linemod,
 }
 
@@ -33,13 +36,18 @@ impl SceneFolder {
     /// # Errors
     /// When it has the files of none of the layouts.
     pub fn at(path: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
-        let layout = if bop::poses_file(path, &options.sensor).is_file() {
+        let suffix = || if options.sensor.is_empty() { String::new() } else { format!("_{}", options.sensor) };
+        let layout = if options.without_truth {
+            if !bop::cameras_file(path, &options.sensor).is_file() {
+                return Err(DatasetError::NoCameras { path: path.into(), suffix: suffix() });
+            }
+            Layout::BopCameras
+        } else if bop::poses_file(path, &options.sensor).is_file() {
             Layout::Bop
         } else if linemod::poses_file(path).is_file() {
             Layout::Linemod
         } else {
-            let suffix = if options.sensor.is_empty() { String::new() } else { format!("_{}", options.sensor) };
-            return Err(DatasetError::NoScene { path: path.into(), suffix });
+            return Err(DatasetError::NoScene { path: path.into(), suffix: suffix() });
         };
         Ok(Self { path: path.into(), layout })
     }
@@ -54,6 +62,7 @@ impl SceneFolder {
     pub fn read(&self, options: &ReadOptions) -> Result<Scene, DatasetError> {
         match self.layout {
             Layout::Bop => bop::read(&self.path, &options.sensor),
+            Layout::BopCameras => bop::read_cameras(&self.path, &options.sensor),
             Layout::Linemod => linemod::read(&self.path, options.camera.as_ref()),
         }
     }

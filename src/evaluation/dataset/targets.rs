@@ -46,6 +46,12 @@ impl Targets {
         of_object.map(|target| target.inst_count.unwrap_or(usize::MAX)).fold(0, usize::saturating_add)
     }
 
+    /// Whether anything counts in an image.
+    #[must_use]
+    pub fn has_image(&self, scene_id: u32, image_id: u32) -> bool {
+        self.by_image.contains_key(&(scene_id, image_id))
+    }
+
     /// Scene and image of those that an object counts in, in order.
     pub fn images(&self, obj_id: u32) -> impl Iterator<Item = (u32, u32)> + '_ {
         self.by_image.keys().copied().filter(move |(scene, image)| self.instances(*scene, *image, obj_id) > 0)

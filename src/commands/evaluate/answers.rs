@@ -1,0 +1,147 @@
+//! Where the answers come from that are scored: networks, or a file.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::plan::Task;
+use crate::estimator::{Estimator, KeypointSolver, ObjectPose};
+use crate::evaluation::{Answer, DetectedBox, PoseResult};
+use crate::model::{Library, ObjectModel, References, Runtime};
+use crate::vision::{DecodeOptions, read_image};
+use posed_core::calibration::Offset;
+use posed_core::pnp::Status;
+
+/// An object whose boxes are given.
+pub(super) struct Object {
+    pub(super) model: ObjectModel,
+    pub(super) offset: Offset,
+}
+
+/// What all workers share.
+pub(super) enum Source {
+    /// Each object's network, in the true boxes.
+    Boxes(Vec<Object>, Runtime),
+    /// Detector and networks. Objects by name.
+    Pipeline(Vec<String>, Runtime, Arc<Library>, Arc<References>),
+    /// Poses that some method wrote down, by scene and image.
+    File(BTreeMap<(u32, u32), Vec<FileAnswer>>),
+}
+
+/// A line of a file of results.
+#[derive(Clone)]
+pub(super) struct FileAnswer {
+    object: usize,
+    answer: Answer,
+    time_s: f64,
+}
+
+/// One worker's networks.
+pub(super) enum Answerer<'a> {
+    Boxes(&'a [Object], Vec<KeypointSolver<'a>>),
+    Pipeline(&'a [String], Box<Estimator>),
+    File(&'a BTreeMap<(u32, u32), Vec<FileAnswer>>),
+}
+
+/// What was said of one image.
+#[derive(Default)]
+pub(super) struct Said {
+    /// One for each instance that counts, in their order; empty where it is not known which instance an answer means.
+    pub(super) of_instances: Vec<Option<Answer>>,
+    /// Object and answer, wherever in the image.
+    pub(super) anywhere: Vec<(usize, Answer)>,
+    /// Whether these have boxes, to tell which instances they mean.
+    pub(super) by_detector: bool,
+    /// Of the image, pixels.
+    pub(super) width_px: u32,
+    /// For the whole image, without reading it, seconds; -1 if it is not known.
+    pub(super) time_s: f64,
+}
+
+impl Source {
+    pub(super) fn file(results: Vec<PoseResult>, obj_ids: &[u32]) -> Self {
+        let mut by_image = BTreeMap::<_, Vec<_>>::new();
+        for result in results {
+            let Some(object) = obj_ids.iter().position(|obj_id| *obj_id == result.obj_id) else { continue };
+            let answer = Answer {
+                pose: Some(result.camera_from_object),
+                covariance: None,
+                confidence: result.score,
+                status: Status::Ok,
+                reasons: Vec::new(),
+                detection: None,
+            };
+            let answer = FileAnswer { object, answer, time_s: result.time_s };
+            by_image.entry((result.scene_id, result.image_id)).or_default().push(answer);
+        }
+        Self::File(by_image)
+    }
+
+    pub(super) fn answerer(&self) -> Result<Answerer<'_>, String> {
+        match self {
+            Self::Boxes(objects, runtime) => {
+                let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
+                let solvers = solvers.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
+                Ok(Answerer::Boxes(objects, solvers))
+            }
+            Self::Pipeline(names, runtime, library, references) => {
+                let estimator = Estimator::new(Arc::clone(library), Arc::clone(references), runtime);
+                Ok(Answerer::Pipeline(names, Box::new(estimator.map_err(|error| error.to_string())?)))
+            }
+            Self::File(results) => Ok(Answerer::File(results)),
+        }
+    }
+}
+
+impl Answerer<'_> {
+    /// # Errors
+    /// In words that name the image.
+    pub(super) fn answer(&mut self, task: &Task) -> Result<Said, String> {
+        let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", task.image.display());
+        let read = || read_image(&task.image, &DecodeOptions::default()).map_err(|error| wrong(&error));
+        match self {
+            Self::Boxes(objects, solvers) => {
+                let image = read()?;
+                let start = Instant::now();
+                let mut of_instances = Vec::new();
+                for instance in task.instances.iter().filter(|instance| instance.counts) {
+                    let (solver, object) = (&mut solvers[instance.object], &objects[instance.object]);
+                    let found = solver.object_pose(&image, &instance.region, &task.camera, &object.offset);
+                    let found = found.map_err(|error| wrong(&error))?;
+                    of_instances.push(Some(Answer { detection: None, ..answer(&found) }));
+                }
+                let time_s = start.elapsed().as_secs_f64();
+                Ok(Said { of_instances, anywhere: Vec::new(), by_detector: false, width_px: image.width(), time_s })
+            }
+            Self::Pipeline(names, estimator) => {
+                let image = read()?;
+                let start = Instant::now();
+                let found = estimator.estimate(&image, &task.camera).map_err(|error| wrong(&error))?;
+                let time_s = start.elapsed().as_secs_f64();
+                let object =
+                    |pose: &ObjectPose| Some((names.iter().position(|name| *name == pose.object)?, answer(pose)));
+                let anywhere = found.poses.iter().filter_map(object).collect();
+                Ok(Said { of_instances: Vec::new(), anywhere, by_detector: true, width_px: image.width(), time_s })
+            }
+            Self::File(results) => {
+                let (width_px, _) = image::image_dimensions(&task.image).map_err(|error| wrong(&error))?;
+                let key = task.scene_id.map(|scene_id| (scene_id, task.image_id));
+                let lines = key.and_then(|key| results.get(&key)).map_or(&[][..], Vec::as_slice);
+                let anywhere = lines.iter().map(|line| (line.object, line.answer.clone())).collect();
+                let time_s = lines.iter().map(|line| line.time_s).fold(-1.0, f64::max);
+                Ok(Said { of_instances: Vec::new(), anywhere, by_detector: false, width_px, time_s })
+            }
+        }
+    }
+}
+
+fn answer(found: &ObjectPose) -> Answer {
+    Answer {
+        pose: found.pose.as_ref().map(|solved| solved.camera_from_object),
+        covariance: found.pose.as_ref().map(|solved| solved.covariance),
+        confidence: found.confidence(),
+        status: found.verdict.status,
+        reasons: found.verdict.reasons.iter().map(|reason| reason.to_string()).collect(),
+        detection: Some(DetectedBox { region: found.detection.bounding_box, score: found.detection.score }),
+    }
+}

@@ -1,0 +1,69 @@
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::evaluation::{Boxes, VisibleRange};
+
+/// What is evaluated.
+#[derive(Args, Clone, Debug)]
+pub(super) struct SplitArgs {
+    /// BOP split or LINEMOD data folder: scene folders with their ground truth. Or one scene folder. Repeat it for several.
+    #[arg(long = "split", value_name = "DIR", required = true)]
+    pub(super) splits: Vec<PathBuf>,
+    /// Models folder of the dataset (meshes and `models_info.json`), or the dataset folder. Only the scores need it.
+    #[arg(long, value_name = "DIR", required_unless_present = "without_truth")]
+    pub(super) meshes: Option<PathBuf>,
+    /// BOP list of targets (`test_targets_bop19.json`): evaluate only these, and of each object the most visible instances.
+    #[arg(long, value_name = "FILE.json")]
+    pub(super) targets: Option<PathBuf>,
+    /// Ranges of the visible fraction, each reported on its own. Views outside of all of them are not scored.
+    #[arg(long = "visible", value_name = "LOW..HIGH", default_values = ["0.7..1", "0.3..0.7"])]
+    pub(super) visible: Vec<VisibleRange>,
+    /// Use the boxes of the detector instead of the ground truth. A view without a pose counts as wrong.
+    #[arg(long)]
+    pub(super) detector: bool,
+    /// Score the poses in a BOP file of results, of this or any other method, instead of estimating them.
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "detector")]
+    pub(super) estimates: Option<PathBuf>,
+    /// Instead of the accuracy with the references that are in use, report the accuracy with 1, 3, 10 and all views of this split
+    /// as references, drawn ten times, averaged in both modes: the plot of the paper over the number of pose labels.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["detector", "estimates", "bop", "html"])]
+    pub(super) references_study: Option<PathBuf>,
+    /// Compare the poses with each other instead of ground truth: of still scenes, photographed from known camera poses
+    /// (`cam_R_w2c` and `cam_t_w2c` in `scene_camera.json`). Uses the whole pipeline, with the detector.
+    #[arg(long, conflicts_with_all = [
+        "meshes", "targets", "visible", "detector", "camera", "estimates", "references_study", "html", "bop",
+    ])]
+    pub(super) without_truth: bool,
+}
+
+impl SplitArgs {
+    pub(super) fn boxes(&self) -> Boxes {
+        match (self.detector, &self.estimates) {
+            (true, _) => Boxes::Detector,
+            (false, Some(_)) => Boxes::File,
+            (false, None) => Boxes::GroundTruth,
+        }
+    }
+}
+
+/// Where the results go, beside the terminal.
+#[derive(Args, Clone, Debug)]
+pub(super) struct OutputArgs {
+    /// Write all figures as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub(super) json: Option<PathBuf>,
+    /// Write a report with plots and pictures: one HTML file that loads nothing from elsewhere.
+    #[arg(long, value_name = "FILE.html")]
+    pub(super) html: Option<PathBuf>,
+    /// Write the plot of the study.
+    #[arg(long, value_name = "FILE.svg", requires = "references_study")]
+    pub(super) plot: Option<PathBuf>,
+    /// Write the estimates for the BOP toolkit into this folder: poses as `METHOD_DATASET-SPLIT.csv`, and with `--detector` the
+    /// boxes as `METHOD_DATASET-SPLIT_boxes.json`.
+    #[arg(long, value_name = "DIR")]
+    pub(super) bop: Option<PathBuf>,
+    /// Name of the method in these files' names.
+    #[arg(long, value_name = "NAME", default_value = "posed", requires = "bop")]
+    pub(super) method: String,
+}

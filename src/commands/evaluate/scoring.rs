@@ -1,0 +1,210 @@
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
+
+use super::Evaluate;
+use super::answers::{Object, Source};
+use super::output::Written;
+use super::plan::{Plan, Selection, Task};
+use super::pool::in_parallel;
+use super::problems::Problems;
+use super::study::{self, SolvedView, StudyRow};
+use super::work::{ImageResult, Known, score};
+use crate::estimator::KeypointSolver;
+use crate::evaluation::{Boxes, ModelPoints, ObjectMesh, ObjectRecords, Targets, box_corners, read_poses};
+use crate::model::{ObjectModel, References};
+use posed_core::calibration::Offset;
+
+/// Everything that is loaded before the first image.
+pub(super) struct Scoring<'a> {
+    asked: &'a Evaluate,
+    targets: Option<Targets>,
+    pub(super) known: Vec<Known>,
+    source: Source,
+}
+
+/// What became of one split.
+pub(super) struct ScoredSplit {
+    pub(super) path: PathBuf,
+    pub(super) tasks: Vec<Task>,
+    /// One for each object, in their order.
+    pub(super) objects: Vec<ObjectRecords>,
+    pub(super) written: Written,
+    pub(super) problems: Problems,
+}
+
+impl<'a> Scoring<'a> {
+    pub(super) fn new(asked: &'a Evaluate) -> Result<Self, Box<dyn Error>> {
+        let targets = asked.splits.targets.as_deref().map(Targets::read).transpose()?;
+        let load = |name: &String| ObjectModel::load(&asked.models.models, name);
+        let models = asked.objects.iter().map(load).collect::<Result<Vec<_>, _>>()?;
+        let known = models.iter().map(|model| known(asked, model)).collect::<Result<Vec<_>, _>>()?;
+        let source = source(asked, models, &known)?;
+        Ok(Self { asked, targets, known, source })
+    }
+
+    /// Answers all images of a split, and scores the answers.
+    pub(super) fn score(&self, split: &Path) -> Result<ScoredSplit, Box<dyn Error>> {
+        let Plan { tasks, mut problems } = self.plan(split)?;
+        let answerer = || self.source.answerer();
+        let results = self.work(split, &tasks, answerer, |answerer, task| score(&self.known, answerer, task))?;
+        let mut objects: Vec<_> = (0..self.known.len()).map(|object| self.no_records(object, split)).collect();
+        let mut written = Written::default();
+        for result in results {
+            match result {
+                Ok(result) => add(&mut objects, &mut written, result),
+                Err(reason) => problems.push(reason),
+            }
+        }
+        self.settle(&problems)?;
+        Ok(ScoredSplit { path: split.into(), tasks, objects, written, problems })
+    }
+
+    fn plan(&self, split: &Path) -> Result<Plan, Box<dyn Error>> {
+        let asked = self.asked;
+        let obj_ids: Vec<_> = self.known.iter().map(|known| known.obj_id).collect();
+        let selection = Selection {
+            obj_ids: &obj_ids,
+            visible: &asked.splits.visible,
+            targets: self.targets.as_ref(),
+            empty_images: asked.splits.detector,
+        };
+        let plan = Plan::of(split, &asked.dataset.options()?, &selection)?;
+        self.settle(&plan.problems)?;
+        Ok(plan)
+    }
+
+    fn no_records(&self, object: usize, split: &Path) -> ObjectRecords {
+        ObjectRecords {
+            split: split.display().to_string(),
+            object: self.asked.objects[object].clone(),
+            diameter_m: self.known[object].points.diameter_m(),
+            records: Vec::new(),
+            unmatched: Vec::new(),
+            matchings: Vec::new(),
+        }
+    }
+
+    /// Accuracy against the number of references.
+    pub(super) fn study(&self, references: &Path) -> Result<Vec<StudyRow>, Box<dyn Error>> {
+        let Source::Boxes(objects, runtime) = &self.source else { return Err("the study needs true boxes".into()) };
+        let solve = |split: &Path| -> Result<Vec<SolvedView>, Box<dyn Error>> {
+            let Plan { tasks, mut problems } = self.plan(split)?;
+            let solvers = || {
+                let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
+                solvers.collect::<Result<Vec<_>, _>>().map_err(|error| error.to_string())
+            };
+            let solved = self.work(split, &tasks, solvers, |solvers, task| study::solve(solvers, task))?;
+            let mut views = Vec::new();
+            for result in solved {
+                match result {
+                    Ok(solved) => views.extend(solved),
+                    Err(reason) => problems.push(reason),
+                }
+            }
+            self.settle(&problems)?;
+            problems.report();
+            Ok(views)
+        };
+        let references = solve(references)?;
+        let mut views = Vec::new();
+        for split in &self.asked.splits.splits {
+            views.extend(solve(split)?);
+        }
+        let mut rows = Vec::new();
+        for (object, (known, Object { model, .. })) in self.known.iter().zip(objects).enumerate() {
+            let of_object =
+                |all: &'_ [SolvedView]| all.iter().filter(|view| view.object == object).cloned().collect::<Vec<_>>();
+            rows.extend(study::study(model, &known.points, &of_object(&references), &of_object(&views))?);
+        }
+        Ok(rows)
+    }
+
+    /// Works on all images, with a bar that shows how far.
+    fn work<R: Send, Tools>(
+        &self,
+        split: &Path,
+        tasks: &[Task],
+        make: impl Fn() -> Result<Tools, String> + Sync,
+        work: impl Fn(&mut Tools, &Task) -> Result<R, String> + Sync,
+    ) -> Result<Vec<Result<R, String>>, String> {
+        let progress = ProgressBar::new(tasks.len() as u64).with_message(split.display().to_string());
+        let counted = |tools: &mut Tools, task: &Task| {
+            let result = work(tools, task);
+            progress.inc(1);
+            result
+        };
+        let stop_early = !self.asked.work.keep_going;
+        let results = in_parallel(tasks, usize::from(self.asked.work.jobs), stop_early, make, counted);
+        progress.finish_and_clear();
+        results
+    }
+
+    /// An error if there are problems that must not be.
+    fn settle(&self, problems: &Problems) -> Result<(), String> {
+        if self.asked.work.keep_going { Ok(()) } else { problems.none_or_error() }
+    }
+
+    /// An error if there is an object without any view.
+    pub(super) fn check_seen(&self, scored: &[ScoredSplit]) -> Result<(), String> {
+        for (object, name) in self.asked.objects.iter().enumerate() {
+            if scored.iter().all(|split| split.objects[object].records.is_empty()) {
+                for split in scored {
+                    split.problems.report();
+                }
+                let splits: Vec<_> = scored.iter().map(|split| split.path.display().to_string()).collect();
+                return Err(format!("{}: no view of {name} lies within --visible", splits.join(", ")));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn known(asked: &Evaluate, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
+    let folder = asked.splits.meshes.as_deref().ok_or("--meshes is missing")?;
+    let mesh = ObjectMesh::read(folder, model.manifest.obj_id)?;
+    let points = ModelPoints::new(&mesh)?;
+    Ok(Known { obj_id: model.manifest.obj_id, points, corners: box_corners(&mesh.vertices) })
+}
+
+fn source(asked: &Evaluate, models: Vec<ObjectModel>, known: &[Known]) -> Result<Source, Box<dyn Error>> {
+    let runtime = || asked.models.runtime_for(usize::from(asked.work.jobs));
+    match (asked.splits.boxes(), &asked.splits.estimates) {
+        (Boxes::File, Some(path)) => {
+            let obj_ids: Vec<_> = known.iter().map(|known| known.obj_id).collect();
+            Ok(Source::file(read_poses(path)?, &obj_ids))
+        }
+        (Boxes::Detector, _) => {
+            let (library, references) = asked.models.library()?;
+            Ok(Source::Pipeline(asked.objects.clone(), runtime()?, library, references))
+        }
+        _ => {
+            let object = |model: ObjectModel| {
+                let offset = offset(asked, &model)?;
+                Ok::<_, Box<dyn Error>>(Object { model, offset })
+            };
+            Ok(Source::Boxes(models.into_iter().map(object).collect::<Result<_, _>>()?, runtime()?))
+        }
+    }
+}
+
+fn offset(asked: &Evaluate, model: &ObjectModel) -> Result<Offset, Box<dyn Error>> {
+    let name = &model.manifest.name;
+    let reference = References::read(&asked.models.reference, model)?;
+    Ok(reference.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?.offset)
+}
+
+fn add(objects: &mut [ObjectRecords], written: &mut Written, result: ImageResult) {
+    for (object, record) in result.records {
+        objects[object].records.push(record);
+    }
+    for (object, answer) in result.unmatched {
+        objects[object].unmatched.push(answer);
+    }
+    for (of_object, matching) in objects.iter_mut().zip(result.matchings) {
+        of_object.matchings.push(matching);
+    }
+    written.poses.extend(result.poses);
+    written.boxes.extend(result.boxes);
+}

@@ -1,0 +1,60 @@
+use fast_image_resize::Resizer;
+use image::RgbImage;
+
+use super::answer::{Detection, EstimateError, ObjectPose};
+use super::gates::object_pose;
+use super::keypoints::{locate_within, solve};
+use crate::model::{Backend, Network, ObjectModel, RuntimeError};
+use crate::vision::BoundingBox;
+use posed_core::calibration::Offset;
+use posed_core::geometry::Camera;
+use posed_core::pnp::{self, PnpError, Solution};
+
+/// One object's keypoint net on its own: for calibration and evaluation with known boxes.
+pub struct KeypointSolver<'a> {
+    model: &'a ObjectModel,
+    network: Box<dyn Network>,
+    resizer: Resizer,
+}
+
+impl<'a> KeypointSolver<'a> {
+    /// # Errors
+    /// When the network cannot be run.
+    pub fn new(model: &'a ObjectModel, backend: &dyn Backend) -> Result<Self, RuntimeError> {
+        Ok(Self { model, network: model.network(backend)?, resizer: Resizer::new() })
+    }
+
+    /// Solves the pose of the object's virtual keypoints, `camera_from_keypoints`, within one box.
+    ///
+    /// # Errors
+    /// When the network fails on the box, or no pose fits its keypoints (inner result).
+    pub fn solve(
+        &mut self,
+        image: &RgbImage,
+        region: &BoundingBox,
+        camera: &Camera,
+    ) -> Result<Result<Solution, PnpError>, EstimateError> {
+        let camera = camera.for_image(image.width(), image.height())?;
+        let manifest = &self.model.manifest;
+        let found = locate_within(manifest, self.network.as_mut(), &mut self.resizer, image, region)?;
+        Ok(solve(manifest, &found, &camera, &pnp::Options::default()))
+    }
+
+    /// The object's pose within one box, judged as if a detector had seen it there with certainty.
+    ///
+    /// # Errors
+    /// When the camera belongs to another image, or the network fails on the box.
+    pub fn object_pose(
+        &mut self,
+        image: &RgbImage,
+        region: &BoundingBox,
+        camera: &Camera,
+        offset: &Offset,
+    ) -> Result<ObjectPose, EstimateError> {
+        let camera = camera.for_image(image.width(), image.height())?;
+        let manifest = &self.model.manifest;
+        let found = locate_within(manifest, self.network.as_mut(), &mut self.resizer, image, region)?;
+        let detection = Detection { object: 0, bounding_box: *region, score: 1.0 };
+        Ok(object_pose(self.model, offset, detection, &found, &camera))
+    }
+}

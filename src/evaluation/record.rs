@@ -1,0 +1,87 @@
+use nalgebra::Vector3;
+use posed_core::geometry::{Covariance6, Pose};
+use posed_core::pnp::Status;
+use serde::Serialize;
+
+use super::metrics::{Deviation, PoseNees, ScoredView};
+use crate::vision::BoundingBox;
+
+/// What an estimator said of one object in one image: posed itself, or any other whose results are in a file.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// `camera_from_object`; `None` where it saw the object and found no pose.
+    pub pose: Option<Pose>,
+    /// Of [`Pose::perturbed`] in the camera's frame; `None` where the estimator states none.
+    pub covariance: Option<Covariance6>,
+    /// Larger is better: posed's lies in 0..1.
+    pub confidence: f64,
+    pub status: Status,
+    /// Why it is not `ok`.
+    pub reasons: Vec<String>,
+    /// What its detector saw; `None` where it had none, or does not say.
+    pub detection: Option<DetectedBox>,
+}
+
+/// A detector's box, image pixels, and its score, 0..1.
+#[derive(Clone, Copy, Debug)]
+pub struct DetectedBox {
+    pub region: BoundingBox,
+    pub score: f64,
+}
+
+/// Which object of which image.
+#[derive(Clone, Debug, Serialize, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The scene's folder.
+    pub scene: String,
+    pub image_id: u32,
+    /// Place in the image's list of ground truth.
+    pub instance: usize,
+}
+
+/// One object that is known to be in an image, and what was said of it.
+#[derive(Clone, Debug)]
+pub struct Record {
+    pub place: Place,
+    /// 0..1.
+    pub visible_fraction: f64,
+    pub camera_from_object: Pose,
+    /// Box of the visible part, image pixels.
+    pub region: BoundingBox,
+    /// Of the image, pixels.
+    pub image_width_px: u32,
+    /// `None` where nothing was said: it counts as wrong.
+    pub said: Option<Scored>,
+}
+
+/// An answer, and how far its pose is from the truth.
+#[derive(Clone, Debug)]
+pub struct Scored {
+    pub answer: Answer,
+    /// `None` where there is no pose.
+    pub deviation: Option<Deviation>,
+    /// In units of its covariance; `None` where there is no usable one.
+    pub nees: Option<PoseNees>,
+}
+
+impl Record {
+    /// As statistics take it.
+    #[must_use]
+    pub fn view(&self, diameter_m: f64) -> ScoredView {
+        ScoredView { deviation: self.deviation(), diameter_m, image_width_px: self.image_width_px }
+    }
+
+    #[must_use]
+    pub fn deviation(&self) -> Option<Deviation> {
+        self.said.as_ref().and_then(|said| said.deviation)
+    }
+}
+
+/// The corners of the box about vertices, in their frame; bit k of the index is axis k.
+#[must_use]
+pub fn box_corners(vertices: &[Vector3<f64>]) -> [Vector3<f64>; 8] {
+    let first = vertices.first().copied().unwrap_or_default();
+    let low = vertices.iter().fold(first, |low, vertex| low.inf(vertex));
+    let high = vertices.iter().fold(first, |high, vertex| high.sup(vertex));
+    std::array::from_fn(|index| Vector3::from_fn(|axis, _| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }))
+}

@@ -1,0 +1,102 @@
+use posed_core::pnp::Status;
+use serde::Serialize;
+
+use super::seen::{Seen, by_image};
+use super::verdicts::Verdicts;
+use crate::evaluation::metrics::{Bootstrap, Claim, Consistency, Interval, Recall, ScoredView, Trust};
+use crate::evaluation::visibility::VisibleRange;
+
+/// How well one object is found in one range of visibility.
+#[derive(Clone, Debug, Serialize)]
+pub struct Section {
+    /// The folder of the split.
+    pub split: String,
+    pub object: String,
+    pub visible: VisibleRange,
+    pub images: usize,
+    pub recall: Recall,
+    pub intervals: Intervals,
+    pub verdicts: Verdicts,
+    /// Of the `ok` poses; `None` where the estimator states no covariances.
+    pub consistency: Option<Consistency>,
+    /// Of all answers' confidence; `None` where there is none, or it is no probability.
+    pub trust: Option<Trust>,
+    /// Share of true boxes that the detector found; `None` where there was no detector.
+    pub detector_recall: Option<f64>,
+}
+
+/// 95 % intervals, by bootstrap over images: views of one image are drawn together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Intervals {
+    pub add: Option<Interval>,
+    pub proj5: Option<Interval>,
+    pub deg5_cm5: Option<Interval>,
+    pub ar_without_vsd: Option<Interval>,
+    /// Share of `ok` answers that are wrong.
+    pub ok_wrong: Option<Interval>,
+    pub median_rotation_deg: Option<Interval>,
+    pub median_translation_m: Option<Interval>,
+}
+
+impl Section {
+    /// `None` without views.
+    pub(super) fn new(
+        split: &str,
+        object: &str,
+        visible: VisibleRange,
+        has_detector: bool,
+        seen: &[Seen<'_>],
+    ) -> Option<Self> {
+        let images = by_image(seen);
+        let views: Vec<ScoredView> = seen.iter().map(|one| one.view).collect();
+        let said = || seen.iter().filter_map(|one| one.record.said.as_ref());
+        let ok: Vec<_> = said().filter(|said| said.answer.status == Status::Ok).collect();
+        let stated = ok.iter().any(|said| said.answer.covariance.is_some());
+        Some(Self {
+            split: split.into(),
+            object: object.into(),
+            visible,
+            images: images.len(),
+            recall: Recall::of(&views)?,
+            intervals: Intervals::of(&images),
+            verdicts: Verdicts::of(seen),
+            consistency: stated.then(|| Consistency::of(&ok.iter().map(|said| said.nees).collect::<Vec<_>>())),
+            trust: trust(seen),
+            detector_recall: has_detector.then(|| said().count() as f64 / seen.len() as f64),
+        })
+    }
+}
+
+/// `None` where no answer has a confidence that could be a probability.
+fn trust(seen: &[Seen<'_>]) -> Option<Trust> {
+    let claim = |one: &Seen<'_>| {
+        let said = one.record.said.as_ref()?;
+        Some(Claim { confidence: said.answer.confidence, right: one.view.is_right() })
+    };
+    Trust::of(&seen.iter().filter_map(claim).collect::<Vec<_>>())
+}
+
+impl Intervals {
+    fn of(images: &[Vec<Seen<'_>>]) -> Self {
+        let bootstrap = Bootstrap::default();
+        let of = |statistic: &dyn Fn(&[Seen<'_>]) -> Option<f64>| bootstrap.interval(images, statistic);
+        let recall = |figure: &dyn Fn(&Recall) -> Option<f64>| {
+            of(&|seen| figure(&Recall::of(&seen.iter().map(|one| one.view).collect::<Vec<_>>())?))
+        };
+        let ok_wrong = |seen: &[Seen<'_>]| {
+            let is_ok = |one: &&Seen<'_>| one.record.said.as_ref().is_some_and(|said| said.answer.status == Status::Ok);
+            let ok: Vec<_> = seen.iter().filter(is_ok).collect();
+            let wrong = ok.iter().filter(|one| !one.view.is_right()).count();
+            (!ok.is_empty()).then(|| wrong as f64 / ok.len() as f64)
+        };
+        Self {
+            add: recall(&|recall| Some(recall.add)),
+            proj5: recall(&|recall| Some(recall.proj5)),
+            deg5_cm5: recall(&|recall| recall.within(5, 5)),
+            ar_without_vsd: recall(&|recall| Some(recall.ar_without_vsd)),
+            ok_wrong: of(&ok_wrong),
+            median_rotation_deg: recall(&|recall| Some(recall.median_rotation_deg)),
+            median_translation_m: recall(&|recall| Some(recall.median_translation_m)),
+        }
+    }
+}
