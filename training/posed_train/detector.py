@@ -21,10 +21,10 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop, optimise
-from .augment import CAMOUFLAGE_SHARE, camouflage
 from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
+from .occlusion import CAMOUFLAGE_SHARE, camouflage
 
 WIDTH, HEIGHT = 448, 352  # multiples of the deepest stride, so that training pads nothing
 FILL = 114
