@@ -23,7 +23,7 @@ TURN_NOISE = 0.1
 PASTED_SHARE = 0.5
 """Of the crops: the object before another background."""
 PLAIN_SHARE = 0.1
-"""Of the crops, as long as training lasts: the object before one colour, often black."""
+"""Of the crops of whole objects, as long as training lasts: before one colour, often black."""
 LIT_SHARE = 0.5
 """Of the crops: in another light, the object alone if it was pasted."""
 HALF_HIDDEN_SHARE = 0.5
@@ -53,31 +53,31 @@ class Augmenter:
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
-        rng, s, whole = self.rng, self.strength, patch
+        rng, s, original = self.rng, self.strength, patch
         if self.surroundings and patch.mask is not None and rng.random() < HALF_HIDDEN_SHARE:
             hide = rng.random() < 0.5
             patch = half_hide(patch, self.surroundings.cover(), rng) if hide else cut_off(patch, rng)
-        crop_from_patch = self.random_affine(patch, half_hidden=patch is not whole)
+        crop_from_patch = self.random_affine(patch, half_hidden=patch is not original)
         crop = self.warp(patch.rgb, crop_from_patch)
         mask = None if patch.mask is None else self.warp(patch.mask, crop_from_patch)
         if rng.random() < MERGED_SHARE * s:
             crop = merge_hues(crop, mask, rng)
-        crop = self.place(crop, mask)
+        crop = self.place(crop, mask, whole=patch is original and patch.whole)
         if self.surroundings and rng.random() < 0.35 * s:
             crop = occlude(crop, self.surroundings.cover(), rng)
         crop = vary_colour(np.clip(crop, 0, 255).astype(np.uint8), rng, s)
         return self.blacken_beyond(patch.border, vary_camera(crop, rng, s), crop_from_patch), crop_from_patch
 
-    def place(self, crop: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    def place(self, crop: np.ndarray, mask: np.ndarray | None, whole: bool) -> np.ndarray:
         """Before another background, in another light, both in a share of the crops."""
         rng, s = self.rng, self.strength
         light = light_field(self.size, rng) if rng.random() < LIT_SHARE * s else None
         chosen = rng.random()
-        pasted = self.surroundings and mask is not None and chosen < PLAIN_SHARE + PASTED_SHARE * s
+        plain = whole and chosen < PLAIN_SHARE
+        pasted = plain or PLAIN_SHARE < chosen < PLAIN_SHARE + PASTED_SHARE * s
         lit = crop if light is None else crop * light
-        if not pasted:
+        if not pasted or not self.surroundings or mask is None:
             return lit
-        plain = chosen < PLAIN_SHARE
         background = self.surroundings.plain() if plain else self.surroundings.behind(crop[mask > 127])
         weight = mask.astype(np.float32)[..., None] / 255
         return lit * weight + background * (1 - weight)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 WARM_UP_STEPS = 200
+"""Or a fifth of a short training."""
 MAX_GRADIENT_NORM = 5.0
 AVERAGE_DECAY = 0.998
 PARTS = ("model", "average", "optimizer")
@@ -16,7 +17,8 @@ PARTS = ("model", "average", "optimizer")
 
 def learning_rate(peak: float, step: int, steps: int) -> float:
     """Linear warm-up, then half a cosine down to zero."""
-    return peak * min(1.0, (step + 1) / WARM_UP_STEPS) * 0.5 * (1 + math.cos(math.pi * step / steps))
+    warm_up = min(WARM_UP_STEPS, steps // 5 + 1)
+    return peak * min(1.0, (step + 1) / warm_up) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
 
 def mixed_precision(device: torch.device, depthwise: bool = False) -> torch.autocast:

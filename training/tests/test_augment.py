@@ -73,7 +73,7 @@ def test_whole_objects_stand_before_black_to_the_end(vary):
     shown = np.full((INPUT, INPUT, 3), 200, np.uint8)
     whole = cv2.resize(mask, (INPUT, INPUT))
     for _ in range(400):
-        placed = vary.place(shown, whole)
+        placed = vary.place(shown, whole, whole=True)
         assert (placed[whole == 255] == 200).all()
         black += not placed[whole == 0].any()
         plain += (placed[whole == 0] == placed[0, 0]).all() and placed[0, 0, 0] != 200
@@ -87,7 +87,7 @@ def test_a_pasted_object_is_lit_alone(vary):
     vary.surroundings.photos = [np.full((200, 250, 3), 7, np.uint8)]
     lit = 0
     for _ in range(200):
-        placed = vary.place(shown, whole)
+        placed = vary.place(shown, whole, whole=False)
         if (placed[whole == 0] == 7).all():
             lit += np.ptp(placed[whole == 255]) > 5
     assert lit > 5
