@@ -57,19 +57,21 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Upsamples the deepest map step by step, adding the skip connection of each resolution."""
+    """Upsamples the deepest map step by step, adding the skip connection of each resolution, as it is or, `scaled`,
+    brought to the same scale first."""
 
-    def __init__(self, widths: tuple[int, ...]):
+    def __init__(self, widths: tuple[int, ...], scaled: bool = False):
         super().__init__()
+        self.skips = nn.ModuleList(conv_bn(width, width, 1) if scaled else nn.Identity() for width in widths[-2::-1])
         pairs = list(zip(widths[::-1], widths[-2::-1]))
         self.reduce = nn.ModuleList(conv_bn(deep, shallow, 1) for deep, shallow in pairs)
         self.merge = nn.ModuleList(conv_bn(shallow, shallow) for _, shallow in pairs)
 
     def forward(self, features: list[Tensor]) -> Tensor:
         x = features[-1]
-        for reduce, merge, skip in zip(self.reduce, self.merge, features[-2::-1]):
-            x = F.interpolate(reduce(x), size=skip.shape[-2:], mode="bilinear", align_corners=False)
-            x = F.relu(merge(F.relu(x + skip)), inplace=True)
+        for reduce, merge, skip, feature in zip(self.reduce, self.merge, self.skips, features[-2::-1]):
+            x = F.interpolate(reduce(x), size=feature.shape[-2:], mode="bilinear", align_corners=False)
+            x = F.relu(merge(F.relu(x + skip(feature))), inplace=True)
         return x
 
 
@@ -110,7 +112,8 @@ class Lite(Design):
     def __init__(self, keypoints: int):
         super().__init__()
         self.encoder = self.make_encoder()
-        self.decoder = Decoder(self.encoder.widths)
+        # What ImageNet left is ten times as large as what a fresh convolution makes of it.
+        self.decoder = Decoder(self.encoder.widths, scaled=self.pretrained)
         self.head = nn.Conv2d(self.encoder.widths[0], keypoints, 1)
 
     def make_encoder(self) -> nn.Module:

@@ -54,3 +54,12 @@ def test_without_the_known_weights_there_is_no_encoder(monkeypatch, tmp_path):
     path.write_bytes(b"other weights")
     with pytest.raises(OSError, match="SHA-256"):
         efficientnet.Encoder().load_imagenet()
+
+
+def test_deep_features_count_beside_the_large_ones_of_the_encoder():
+    torch.manual_seed(0)
+    decoder = KeypointNet(8, "lite0").design.decoder
+    shallow = [8 * torch.randn(4, width, 32 // 2**i, 32 // 2**i) for i, width in enumerate((16, 24, 40, 112))]
+    with torch.no_grad():
+        one, other = (decoder([*shallow, torch.randn(4, 320, 2, 2)]) for _ in range(2))
+    assert (one - other).std() > 0.3 * one.std()
