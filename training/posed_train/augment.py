@@ -1,11 +1,16 @@
-"""Training-time variation of a patch: geometry (box noise, in-plane rotation), background, occluders, light, camera."""
+"""Training-time variation of a patch: geometry (box noise, in-plane rotation) here, and in which order the rest comes:
+what hides it and what is behind it, light, colours, camera."""
 
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from .camera import vary_camera
+from .colour import MERGED_SHARE, merge_hues, vary_colour
 from .crops import CROP_SCALE, ZOOM, Patch, Square, axis_in_image, transform, upright
+from .light import light_field
+from .occlusion import Surroundings, cut_off, half_hide, occlude
 
 ZOOM_SHARE = 0.6
 """Of the crops: cut as for the second look."""
@@ -15,8 +20,12 @@ BOX_NOISE = 0.08, 0.05
 ZOOM_NOISE = 0.04, 0.03
 TURN_NOISE = 0.1
 """Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
-CAMOUFLAGE_SHARE = 0.5
-"""Of the pasted backgrounds: in the object's own colours."""
+PASTED_SHARE = 0.5
+"""Of the crops: the object before another background."""
+PLAIN_SHARE = 0.1
+"""Of the crops of whole objects, as long as training lasts: before one colour, often black."""
+LIT_SHARE = 0.5
+"""Of the crops: in another light, the object alone if it was pasted."""
 HALF_HIDDEN_SHARE = 0.5
 """Of the crops, by a plate or by the photo's border, as long as training lasts: other variations fade since images to
 come have less of them."""
@@ -38,28 +47,40 @@ class Augmenter:
     def __init__(
         self, backgrounds: list[np.ndarray], rng: np.random.Generator, size: int, heights: np.ndarray | None = None
     ):
-        self.backgrounds, self.rng, self.size, self.heights = backgrounds, rng, size, heights
+        self.surroundings = Surroundings(backgrounds, rng, size) if backgrounds else None
+        self.rng, self.size, self.heights = rng, size, heights
         self.strength = 1.0
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
         """A crop `[S, S, 3]` uint8 and its map `crop_from_patch [2, 3]` of pixels."""
-        whole = patch
-        if self.backgrounds and patch.mask is not None and self.rng.random() < HALF_HIDDEN_SHARE:
-            patch = self.half_hide(patch) if self.rng.random() < 0.5 else self.cut_off(patch)
-        crop_from_patch = self.random_affine(patch, half_hidden=patch is not whole)
+        rng, s, original = self.rng, self.strength, patch
+        if self.surroundings and patch.mask is not None and rng.random() < HALF_HIDDEN_SHARE:
+            hide = rng.random() < 0.5
+            patch = half_hide(patch, self.surroundings.cover(), rng) if hide else cut_off(patch, rng)
+        crop_from_patch = self.random_affine(patch, half_hidden=patch is not original)
         crop = self.warp(patch.rgb, crop_from_patch)
-        if patch.mask is not None and self.backgrounds:
-            mask = self.warp(patch.mask, crop_from_patch).astype(np.float32)[..., None] / 255
-            if self.rng.random() < 0.5 * self.strength:
-                own = crop[mask[..., 0] > 0.5]
-                hard = len(own) > 0 and self.rng.random() < CAMOUFLAGE_SHARE
-                background = camouflage(own, crop.shape[:2], self.rng) if hard else self.random_background()
-                crop = crop * mask + background * (1 - mask)
-        if self.backgrounds and self.rng.random() < 0.35 * self.strength:
-            crop = self.occlude(crop)
-        crop = self.vary_camera(self.vary_light(crop.astype(np.float32)))
-        crop = np.clip(crop, 0, 255).astype(np.uint8)
-        return self.blacken_beyond(patch.border, crop, crop_from_patch), crop_from_patch
+        mask = None if patch.mask is None else self.warp(patch.mask, crop_from_patch)
+        if rng.random() < MERGED_SHARE * s:
+            crop = merge_hues(crop, mask, rng)
+        crop = self.place(crop, mask, whole=patch is original and patch.whole)
+        if self.surroundings and rng.random() < 0.35 * s:
+            crop = occlude(crop, self.surroundings.cover(), rng)
+        crop = vary_colour(np.clip(crop, 0, 255).astype(np.uint8), rng, s)
+        return self.blacken_beyond(patch.border, vary_camera(crop, rng, s), crop_from_patch), crop_from_patch
+
+    def place(self, crop: np.ndarray, mask: np.ndarray | None, whole: bool) -> np.ndarray:
+        """Before another background, in another light, both in a share of the crops."""
+        rng, s = self.rng, self.strength
+        light = light_field(self.size, rng) if rng.random() < LIT_SHARE * s else None
+        chosen = rng.random()
+        plain = whole and chosen < PLAIN_SHARE
+        pasted = plain or PLAIN_SHARE < chosen < PLAIN_SHARE + PASTED_SHARE * s
+        lit = crop if light is None else crop * light
+        if not pasted or not self.surroundings or mask is None:
+            return lit
+        background = self.surroundings.plain() if plain else self.surroundings.behind(crop[mask > 127])
+        weight = mask.astype(np.float32)[..., None] / 255
+        return lit * weight + background * (1 - weight)
 
     def random_affine(self, patch: Patch, half_hidden: bool) -> np.ndarray:
         rng = self.rng
@@ -87,14 +108,6 @@ class Augmenter:
     def warp(self, image: np.ndarray, affine: np.ndarray) -> np.ndarray:
         return cv2.warpAffine(image, affine, (self.size, self.size), flags=cv2.INTER_LINEAR)
 
-    def random_background(self) -> np.ndarray:
-        image = self.backgrounds[self.rng.integers(len(self.backgrounds))]
-        side = int(self.rng.integers(self.size, min(image.shape[:2]) + 1))
-        top = self.rng.integers(image.shape[0] - side + 1)
-        left = self.rng.integers(image.shape[1] - side + 1)
-        cut = cv2.resize(image[top : top + side, left : left + side], (self.size, self.size))
-        return cut[:, ::-1] if self.rng.random() < 0.5 else cut
-
     def blacken_beyond(
         self, border: tuple[float, float, float, float], crop: np.ndarray, affine: np.ndarray
     ) -> np.ndarray:
@@ -104,89 +117,6 @@ class Augmenter:
         photo = np.zeros((self.size, self.size), np.uint8)
         cv2.fillConvexPoly(photo, np.rint(corners * 16).astype(np.int32), 1, shift=4)
         return crop * photo[..., None]
-
-    def cut_off(self, patch: Patch) -> Patch:
-        """Moves one side of the photo's border across the object."""
-        pixels = np.argwhere(patch.mask > 127)[:, ::-1]
-        if not len(pixels):
-            return patch
-        border, side = list(patch.border), self.rng.integers(4)
-        hidden = self.rng.uniform(0.1, 0.6)
-        border[side] = np.quantile(pixels[:, side % 2], hidden if side < 2 else 1 - hidden).round() + 0.5
-        left, top, right, bottom = np.clip(np.ceil(border), 0, len(patch.mask)).astype(int)
-        mask = np.zeros_like(patch.mask)
-        mask[top:bottom, left:right] = patch.mask[top:bottom, left:right]
-        return self.with_less(patch, mask, border=tuple(border))
-
-    def half_hide(self, patch: Patch) -> Patch:
-        """Puts a foreign plate before one side of the object. Its box shrinks, as it does where real things hide it."""
-        rng, size = self.rng, len(patch.mask)
-        pixels = np.argwhere(patch.mask > 127)[:, ::-1]
-        if not len(pixels):
-            return patch
-        turn = rng.uniform(-np.pi, np.pi)
-        towards, along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        depths, widths = pixels @ towards, pixels @ along
-        edge = np.quantile(depths, rng.uniform(0.4, 0.9))
-        reach = np.ptp(widths)
-        low, high = widths.min() - rng.uniform(-0.1, 0.5) * reach, widths.max() + rng.uniform(-0.1, 0.5) * reach
-        far = depths.max() + rng.uniform(0, 0.6) * np.ptp(depths)
-        corners = [d * towards + w * along for d, w in ((edge, low), (edge, high), (far, high), (far, low))]
-        plate = np.zeros((size, size), np.uint8)
-        cv2.fillConvexPoly(plate, np.round(corners).astype(np.int32), 255, cv2.LINE_AA)
-        weight = plate[..., None].astype(np.float32) / 255
-        rgb = patch.rgb * (1 - weight) + cv2.resize(self.random_background(), (size, size)) * weight
-        return self.with_less(patch, cv2.min(patch.mask, 255 - plate), rgb=rgb.astype(np.uint8))
-
-    def with_less(self, patch: Patch, mask: np.ndarray, **changes) -> Patch:
-        """The patch of which only so much is to be seen, its box with it; as it was where that is too little."""
-        box = cv2.boundingRect(mask)
-        if min(box[2:]) < 0.3 * max(box[2:]):  # a sliver, or nothing
-            return patch
-        return replace(patch, mask=mask, box=Square.around(box, 1.0), **changes)
-
-    def occlude(self, crop: np.ndarray) -> np.ndarray:
-        """Covers a convex blob somewhere over the object with foreign texture."""
-        rng = self.rng
-        centre = rng.normal(self.size / 2, self.size / 4.5, 2)
-        points = centre + rng.normal(0, self.size * rng.uniform(0.05, 0.16), (6, 2))
-        blob = np.zeros((self.size, self.size), np.float32)
-        cv2.fillConvexPoly(blob, cv2.convexHull(points.astype(np.int32)), 1.0, cv2.LINE_AA)
-        return crop * (1 - blob[..., None]) + self.random_background() * blob[..., None]
-
-    def vary_light(self, crop: np.ndarray) -> np.ndarray:
-        rng, s = self.rng, self.strength
-        crop = 255 * (np.clip(crop, 0, 255) / 255) ** np.exp(rng.normal(0, 0.25 * s))
-        grey = crop.mean(axis=2, keepdims=True)
-        crop = grey + (crop - grey) * rng.uniform(1 - 0.4 * s, 1 + 0.3 * s)
-        mean = crop.mean()
-        crop = mean + (crop - mean) * rng.uniform(1 - 0.35 * s, 1 + 0.35 * s)
-        tint = rng.uniform(1 - 0.12 * s, 1 + 0.12 * s, 3).astype(np.float32)
-        return crop * rng.uniform(1 - 0.35 * s, 1 + 0.35 * s) * tint + rng.normal(0, 8 * s)
-
-    def vary_camera(self, crop: np.ndarray) -> np.ndarray:
-        rng, s = self.rng, self.strength
-        if rng.random() < 0.4 * s:
-            crop = cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.3, 1.6))
-        if rng.random() < 0.35 * s:  # cameras sharpen: without this, photos seemed larger than renders by three percent
-            crop = crop + rng.uniform(0.3, 2.5) * (crop - cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.5, 1.5)))
-        if rng.random() < 0.5 * s:
-            crop = crop + rng.uniform(1, 10) * rng.standard_normal(crop.shape, np.float32)
-        return crop
-
-
-def camouflage(own: np.ndarray, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """Stripes or checks `[*shape, 3]` of a colour of the object, whose pixels are `own` `[P, 3]`, and another colour,
-    often one of its own, too."""
-    first, second = own[rng.integers(len(own), size=2)] + rng.normal(0, 12, (2, 3))
-    if rng.random() < 0.6:
-        second = rng.uniform(0, 255, 3)
-    turn, period = rng.uniform(-np.pi, np.pi), rng.uniform(4, 40)
-    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) / period
-    cells = np.floor(np.moveaxis(np.indices(shape), 0, -1) @ axes.T + rng.uniform(0, 2, 2))
-    both = cells.sum(-1) if rng.random() < 0.6 else cells[..., 0]
-    mix = cv2.GaussianBlur(both % 2, (0, 0), 0.6)[..., None]
-    return first + (second - first) * mix
 
 
 def truncated_normal(rng: np.random.Generator, sigma: float) -> float:

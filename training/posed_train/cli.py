@@ -117,11 +117,13 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
     print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
-    net, views, scores = train.train(
+    net, views, scores, step = train.train(
         settings, arguments.data, arguments.runs / settings.name, arguments.init, arguments.workers
     )
     summary = {
+        "network": settings.network,
         "steps": settings.steps,
+        "best_step": step,
         "views": len(views.all),
         "relative_poses": settings.poses,
         "validation": {key: round(value, 2) for key, value in scores.items()},

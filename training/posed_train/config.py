@@ -20,7 +20,7 @@ class KeypointConfig:
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
     poses: str = "object"  # where relative poses come from: `object` poses, or the `camera` poses of still scenes
     masks: bool = True  # use them where there are any, to paste the object on other backgrounds
-    network: str = "lite"  # or `paper`
+    network: str = "lite0"  # starts from ImageNet; or `lite` or `paper`, from nothing
     keypoint_shape: str = "cube"
     keypoint_count: int = 8  # of the random shapes
     symmetries_discrete: list[list[float]] = field(default_factory=list)  # of the object, as in BOP's models_info.json
@@ -38,14 +38,19 @@ class KeypointConfig:
     learning_rate: float = 1.5e-3
     distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy
     scale_weight: float = 0.0  # of their common scale's error (px): depth hangs on it
+    encoder_rate: float = 0.2  # of the learning rate, for an encoder that starts from ImageNet
     frozen: list[str] = field(default_factory=list)  # parts of the network, as "encoder.stages.3", whose convolutions
-    # stay those of the checkpoint that training starts from; their normalisation still learns.
+    # stay those that training starts from; their normalisation still learns.
+    frozen_statistics: bool = False  # the encoder normalises by the statistics that it starts with, and frozen parts
+    # are held as a whole, which makes a step faster where they are the first ones
     augmentation: float = 1.0  # strength for the first half; it falls to 0.4 of this by 80 % of the steps
     seed: int = 1
 
     def __post_init__(self) -> None:
         if not 0 < self.photoreal_share <= 1:
             raise ValueError(f"photoreal_share {self.photoreal_share}: must be above 0 and at most 1")
+        if not 0 <= self.encoder_rate <= 1:
+            raise ValueError(f"encoder_rate {self.encoder_rate}: must be from 0 to 1, a share of learning_rate")
         for name, axis in (("up", self.up), ("front", self.front)):
             if axis and not (len(axis) == 3 and abs(math.hypot(*axis) - 1) < 0.01):
                 raise ValueError(f"{name} {axis}: must be a direction of length 1, as [0, 0, 1]")

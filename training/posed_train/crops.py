@@ -24,6 +24,8 @@ ZOOMED_PER_BOX = (0.5, 2.5)
 """A second look is taken at a place whose side is about that of the box: elsewhere the first one went wrong."""
 ELSEWHERE = 0.03
 """By how much the size and the centre of two places differ, of their size, for the second to be elsewhere."""
+WHOLE = 0.95
+"""Least visible fraction of an object that counts as whole."""
 PATCH_SCALE = 2.4  # what training keeps around the object: room for rotation and box noise
 PATCH_PER_INPUT = 1.5  # pixels of a patch for one of the network's input: a patch is not blurred by being cut again
 
@@ -137,6 +139,7 @@ class Patch:
     patch_from_image: np.ndarray  # [3, 3] pixels
     border: tuple[float, float, float, float]  # left, top, right, bottom of the photo, patch pixels; beyond is black
     box: Square  # what a first crop is cut around, patch pixels
+    whole: bool = True  # nothing hides the object
 
 
 def cut_patch(view: View, keypoints_in_image: np.ndarray | None, input_size: int, with_mask: bool) -> Patch:
@@ -154,6 +157,7 @@ def cut_patch(view: View, keypoints_in_image: np.ndarray | None, input_size: int
         patch_from_image=whole.crop_from_image(size),
         border=tuple(corners.ravel()),
         box=box.within(whole, size),
+        whole=view.visible_fraction >= WHOLE,
     )
 
 

@@ -21,10 +21,10 @@ from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from . import bop, optimise
-from .augment import CAMOUFLAGE_SHARE, camouflage
 from .config import DetectorConfig, splits
 from .data import DEVICE, read_backgrounds
 from .network import Encoder, conv_bn
+from .occlusion import CAMOUFLAGE_SHARE, camouflage
 
 WIDTH, HEIGHT = 448, 352  # multiples of the deepest stride, so that training pads nothing
 FILL = 114
@@ -166,7 +166,10 @@ class Trainer(optimise.Run):
             state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
             prefix = "design.encoder."
             own = {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
-            model.backbone.encoder.load_state_dict(own)
+            try:
+                model.backbone.encoder.load_state_dict(own)
+            except RuntimeError:
+                raise ValueError(f'{encoder}: not a checkpoint of a keypoint net with network = "lite"') from None
         super().__init__(model, config.learning_rate, config.steps)
 
     def train_step(self, samples: list[Sample]) -> float:
@@ -178,7 +181,7 @@ class Trainer(optimise.Run):
             }
             for sample in samples
         ]
-        with torch.autocast(DEVICE.type, torch.bfloat16):
+        with optimise.mixed_precision(DEVICE):
             losses = self.model(list(to_tensor([s.image for s in samples])), targets)
         loss = sum(losses.values())
         return self.descend(loss)

@@ -23,7 +23,7 @@ from . import detector
 from .bop import View
 from .crops import CROP_SCALE, ZOOM, first_crop
 from .data import Views
-from .heatmap import Decode
+from .heatmap import Decode, SecondPeak
 from .network import KeypointNet
 from .validate import CROP_ENSEMBLE, Predictor, predict_views
 
@@ -33,15 +33,21 @@ PARITY_TOLERANCE_PX = 0.02
 PARITY_CROPS = 3
 
 
+KEYPOINT_OUTPUTS = ("keypoints", "covariances", "peaks", "second_keypoints", "second_weights", "features")
+
+
 class KeypointExport(nn.Module):
-    """`[B, S, S, 3]` uint8 -> keypoints, covariances, peaks."""
+    """`[B, S, S, 3]` uint8 -> what KEYPOINT_OUTPUTS names: `[B, N, 2]` and `[B, N, 2, 2]` in crop pixels, `[B, N]`;
+    the second peaks' `[B, N, 2]` and `[B, N]`; `[B, F]`."""
 
     def __init__(self, net: KeypointNet):
         super().__init__()
-        self.net, self.decode = net, Decode(net.input_size // net.stride, net.stride)
+        cells = net.input_size // net.stride
+        self.net, self.decode, self.second = net, Decode(cells, net.stride), SecondPeak(cells, net.stride)
 
-    def forward(self, crops: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return self.decode(self.net(crops.permute(0, 3, 1, 2).float() / 255))
+    def forward(self, crops: Tensor) -> tuple[Tensor, ...]:
+        logits, features = self.net.with_features(crops.permute(0, 3, 1, 2).float() / 255)
+        return (*self.decode(logits), *self.second(logits), features)
 
 
 class DetectorExport(nn.Module):
@@ -249,7 +255,7 @@ def export_keypoints(
     round_to_bytes(module)
     example = torch.randint(0, 256, (2, net.input_size, net.input_size, 3), dtype=torch.uint8)
     path = out / "keypoints.onnx"
-    onnx.save(to_onnx(module, example, ["keypoints", "covariances", "peaks"], dynamic_batch=True), path)
+    onnx.save(to_onnx(module, example, list(KEYPOINT_OUTPUTS), dynamic_batch=True), path)
     registration = views.registration
     held_out = [views.all[index] for index in views.held_out]
     with torch.no_grad():

@@ -2,14 +2,18 @@
 
 `paper` is the paper's network (section 3.1): ResNet-18 at output stride 8 by dilation, skip connections, upsampling to
 full resolution, as in PVNet (Peng et al., CVPR 2019). `lite` is for CPUs: a half-width encoder with plain strides,
-since dilated layers at stride 8 cost four times as much, and a decoder that stops at stride 2.
+since dilated layers at stride 8 cost four times as much, and a decoder that stops at stride 2. `lite0` has the same
+decoder behind EfficientNet-Lite0, which was trained on ImageNet: the others start from nothing.
 """
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from . import efficientnet
 
 
 def conv_bn(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -53,38 +57,87 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Upsamples the deepest map step by step, adding the skip connection of each resolution."""
+    """Upsamples the deepest map step by step, adding the skip connection of each resolution, as it is or, `scaled`,
+    brought to the same scale first."""
 
-    def __init__(self, widths: tuple[int, ...]):
+    def __init__(self, widths: tuple[int, ...], scaled: bool = False):
         super().__init__()
+        self.skips = nn.ModuleList(conv_bn(width, width, 1) if scaled else nn.Identity() for width in widths[-2::-1])
         pairs = list(zip(widths[::-1], widths[-2::-1]))
         self.reduce = nn.ModuleList(conv_bn(deep, shallow, 1) for deep, shallow in pairs)
         self.merge = nn.ModuleList(conv_bn(shallow, shallow) for _, shallow in pairs)
 
     def forward(self, features: list[Tensor]) -> Tensor:
         x = features[-1]
-        for reduce, merge, skip in zip(self.reduce, self.merge, features[-2::-1]):
-            x = F.interpolate(reduce(x), size=skip.shape[-2:], mode="bilinear", align_corners=False)
-            x = F.relu(merge(F.relu(x + skip)), inplace=True)
+        for reduce, merge, skip, feature in zip(self.reduce, self.merge, self.skips, features[-2::-1]):
+            x = F.interpolate(reduce(x), size=feature.shape[-2:], mode="bilinear", align_corners=False)
+            x = F.relu(merge(F.relu(x + skip(feature))), inplace=True)
         return x
 
 
-class Lite(nn.Module):
+class Normalisation(NamedTuple):
+    """Of RGB in 0..1, what a network's first layer wants."""
+
+    mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
+    std: tuple[float, float, float] = (0.229, 0.224, 0.225)
+
+
+class Design(nn.Module):
+    """A network without the normalisation of its input. `taps` gives its feature maps, the deepest one last; `heatmaps`
+    makes logits of them."""
+
+    input_size: int
+    stride: int  # of the heatmaps
+    normalisation = Normalisation()
+    pretrained = False
+    """Whether there is an `encoder` that starts from ImageNet."""
+    depthwise = False
+    """Whether most layers filter each channel by itself."""
+
+    def taps(self, x: Tensor) -> list[Tensor]:
+        raise NotImplementedError
+
+    def heatmaps(self, taps: list[Tensor]) -> Tensor:
+        raise NotImplementedError
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.heatmaps(self.taps(x))
+
+
+class Lite(Design):
     """3.0 M parameters; 160 px in, heatmaps at stride 2."""
 
     input_size, stride = 160, 2
 
     def __init__(self, keypoints: int):
         super().__init__()
-        self.encoder = Encoder()
-        self.decoder = Decoder(self.encoder.widths)
+        self.encoder = self.make_encoder()
+        # What ImageNet left is ten times as large as what a fresh convolution makes of it.
+        self.decoder = Decoder(self.encoder.widths, scaled=self.pretrained)
         self.head = nn.Conv2d(self.encoder.widths[0], keypoints, 1)
 
-    def forward(self, x: Tensor) -> Tensor:
-        return self.head(self.decoder(self.encoder(x)))
+    def make_encoder(self) -> nn.Module:
+        return Encoder()
+
+    def taps(self, x: Tensor) -> list[Tensor]:
+        return self.encoder(x)
+
+    def heatmaps(self, taps: list[Tensor]) -> Tensor:
+        return self.head(self.decoder(taps))
 
 
-class Paper(nn.Module):
+class Lite0(Lite):
+    """3.2 M parameters; 160 px in, heatmaps at stride 2; the encoder starts from ImageNet."""
+
+    normalisation = Normalisation(efficientnet.MEAN, efficientnet.STD)
+    pretrained = True
+    depthwise = True
+
+    def make_encoder(self) -> nn.Module:
+        return efficientnet.Encoder()
+
+
+class Paper(Design):
     """13 M parameters; 192 px in, heatmaps at full resolution."""
 
     input_size, stride = 192, 1
@@ -101,11 +154,15 @@ class Paper(nn.Module):
         self.up1 = conv_bn(64 + 3, 32)
         self.head = nn.Conv2d(32, keypoints, 1)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def taps(self, x: Tensor) -> list[Tensor]:
         at2 = F.relu(self.stem(x))
         at4 = self.layer1(F.max_pool2d(at2, 3, 2, 1))
         at8 = self.layer2(at4)
-        y = F.relu(self.neck(self.layer4(self.layer3(at8))))
+        return [x, at2, at4, at8, self.layer4(self.layer3(at8))]
+
+    def heatmaps(self, taps: list[Tensor]) -> Tensor:
+        x, at2, at4, at8, deepest = taps
+        y = F.relu(self.neck(deepest))
         y = F.relu(self.up8(torch.cat([y, at8], 1)))
         for merge, skip in ((self.up4, at4), (self.up2, at2), (self.up1, x)):
             y = F.interpolate(y, size=skip.shape[-2:], mode="bilinear", align_corners=False)
@@ -113,10 +170,10 @@ class Paper(nn.Module):
         return self.head(y)
 
 
-DESIGNS = {"lite": Lite, "paper": Paper}
+DESIGNS: dict[str, type[Design]] = {"lite0": Lite0, "lite": Lite, "paper": Paper}
 
 
-def design(name: str) -> type[Lite] | type[Paper]:
+def design(name: str) -> type[Design]:
     if name not in DESIGNS:
         raise ValueError(f"network {name!r}: choose one of {', '.join(DESIGNS)}")
     return DESIGNS[name]
@@ -125,11 +182,11 @@ def design(name: str) -> type[Lite] | type[Paper]:
 class KeypointNet(nn.Module):
     """`[B, 3, S, S]` floats in 0..1 -> `[B, N, S / stride, S / stride]` logits."""
 
-    def __init__(self, keypoints: int, name: str = "lite"):
+    def __init__(self, keypoints: int, name: str):
         super().__init__()
         self.design = design(name)(keypoints)
-        self.register_buffer("mean", torch.tensor([0.485, 0.456, 0.406]).view(1, 3, 1, 1))
-        self.register_buffer("std", torch.tensor([0.229, 0.224, 0.225]).view(1, 3, 1, 1))
+        for part, value in self.design.normalisation._asdict().items():
+            self.register_buffer(part, torch.tensor(value).view(1, 3, 1, 1))
 
     @property
     def input_size(self) -> int:
@@ -140,4 +197,9 @@ class KeypointNet(nn.Module):
         return self.design.stride
 
     def forward(self, crops: Tensor) -> Tensor:
-        return self.design((crops - self.mean) / self.std)
+        return self.with_features(crops)[0]
+
+    def with_features(self, crops: Tensor) -> tuple[Tensor, Tensor]:
+        """The logits, and the mean of the deepest feature map `[B, F]`: what the crop looks like as a whole."""
+        taps = self.design.taps((crops - self.mean) / self.std)
+        return self.design.heatmaps(taps), taps[-1].mean((2, 3))

@@ -25,6 +25,8 @@ COLUMNS = (
     "translation_median_mm",
     "keypoint_median_px",
     "scale_median_percent",
+    "held_out_deg5_cm5_percent",
+    "held_out_keypoint_px",
 )
 SHEET = (4, 6)  # rows, columns
 PREDICTED, TRUE = (60, 220, 60), (230, 60, 60)
@@ -54,16 +56,19 @@ def draw_curves(log: Log, out: Path) -> None:
     figure, (loss, shares, errors) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
 
     def curve(axes, column: str, label: str) -> None:
-        points = [(int(row["step"]), float(row[column])) for row in rows if row[column]]
+        # A log of an older version lacks some columns.
+        points = [(int(row["step"]), float(row[column])) for row in rows if row.get(column)]
         if points:
             axes.plot(*zip(*points), label=label)
 
     curve(loss, "loss", "training loss")
     for column, label in (("add_percent", "ADD(-S)"), ("proj5_percent", "Proj-5"), ("deg5_cm5_percent", "5°5cm")):
         curve(shares, column, label)
+    curve(shares, "held_out_deg5_cm5_percent", "5°5cm, held out")
+    curve(errors, "held_out_keypoint_px", "keypoints, held out, px")
     curve(errors, "keypoint_median_px", "keypoints, px")
     curve(errors, "scale_median_percent", "their common scale, %")
-    for axes, unit in ((loss, "loss"), (shares, "% of validation views"), (errors, "median error")):
+    for axes, unit in ((loss, "loss"), (shares, "% of views"), (errors, "median error")):
         axes.set_xlabel("step")
         axes.set_ylabel(unit)
         axes.grid(alpha=0.3)

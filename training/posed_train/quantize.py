@@ -81,7 +81,7 @@ def quantize_network(before: Path, after: Path, crops: Crops) -> None:
             per_channel=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
-            op_types_to_quantize=["Conv", "Add", "Relu", "Resize"],
+            op_types_to_quantize=["Conv", "Add", "Relu", "Clip", "Resize"],
             nodes_to_exclude=[head],  # its outputs are the logits: keypoints hang on small differences there
         )
 

@@ -1,5 +1,6 @@
 """The training loop of a keypoint net."""
 
+import copy
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from . import bop, metrics, optimise, pairwise
+from .best import Best, standing
 from .config import KeypointConfig
 from .data import DEVICE, Batches, Data, PairBatch, Pairs, Views
 from .heatmap import Decode
@@ -21,6 +23,9 @@ from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
+COMPARISONS = 10
+"""Of a training's nets on held-out views, if there are that many within its limits."""
+COMPARE_EVERY = 50, 1000
 FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
 
@@ -41,22 +46,32 @@ def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
     """Takes a trained net's weights. Of a head for another number of keypoints it takes the first ones: the solids'
     vertices come in a fixed order, and a rhombic dodecahedron's first eight are the cube's."""
     own = model.state_dict()
+    if differing := sorted(own.keys() ^ weights.keys()):
+        raise ValueError(
+            f"--init: that checkpoint is of another network than `network` says: {differing[0]} and "
+            f"{len(differing) - 1} more weights are in one of them alone"
+        )
     for name, value in weights.items():
-        if name in own and own[name].shape[1:] == value.shape[1:] and own[name].shape != value.shape:
+        if own[name].shape[1:] == value.shape[1:] and own[name].shape != value.shape:
             count = min(len(own[name]), len(value))
             weights[name] = torch.cat([value[:count], own[name][count:]])
+        elif own[name].shape != value.shape:
+            raise ValueError(
+                f"--init: that checkpoint's {name} is {tuple(value.shape)}, expected {tuple(own[name].shape)}"
+            )
     model.load_state_dict(weights)
 
 
-def freeze(model: KeypointNet, parts: list[str]) -> None:
-    """Holds the convolutions of these parts; their normalisation still learns."""
+def freeze(model: KeypointNet, parts: list[str], normalisation: bool) -> None:
+    """Holds the convolutions of these parts, and their normalisation, too, if so wanted."""
     modules = dict(model.design.named_modules())
+    kinds = (nn.Conv2d, nn.BatchNorm2d) if normalisation else nn.Conv2d
     for part in parts:
         if part not in modules:
             known = ", ".join(name for name in modules if name and name.count(".") <= 2)
             raise ValueError(f"frozen {part!r}: the network has no such part; it has {known}, and parts of these")
         for module in modules[part].modules():
-            if isinstance(module, nn.Conv2d):
+            if isinstance(module, kinds):
                 module.requires_grad_(False)
 
 
@@ -68,17 +83,24 @@ class Trainer(optimise.Run):
         self.config = config
         self.keypoints = torch.from_numpy(keypoints).float().to(DEVICE)
         model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
+        if config.frozen_statistics and not hasattr(model.design, "encoder"):
+            raise ValueError(f"frozen_statistics: the network {config.network!r} has no encoder to hold them in")
         if init is not None:
             start_from(model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
-        elif config.frozen:
+        elif model.design.pretrained:
+            model.design.encoder.load_imagenet()
+        elif config.frozen or config.frozen_statistics:
             raise ValueError("frozen: only a training that starts from a checkpoint (--init) can hold parts of it")
-        freeze(model, config.frozen)
-        super().__init__(model, config.learning_rate, config.steps)
+        freeze(model, config.frozen, config.frozen_statistics)
+        slow = model.design.encoder if model.design.pretrained else None
+        super().__init__(model, config.learning_rate, config.steps, slow, config.encoder_rate)
 
     def forward(self, images: Tensor) -> Tensor:
         self.model.train()
+        if self.config.frozen_statistics:
+            self.model.design.encoder.eval()  # which tells nothing but batch normalisation
         images = images.to(DEVICE, non_blocking=True).float() / 255
-        with torch.autocast(DEVICE.type, torch.bfloat16):
+        with optimise.mixed_precision(DEVICE, depthwise=self.model.design.depthwise):
             return self.model(images).float()
 
     def component_step(self, batch: tuple[Tensor, Tensor]) -> float:
@@ -101,11 +123,13 @@ class Trainer(optimise.Run):
 class Trained(NamedTuple):
     net: KeypointNet
     views: Views
-    scores: dict[str, float]  # of the finished net
+    scores: dict[str, float]  # of the net
+    step: int  # that the net is of
 
 
 def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0) -> Trained:
-    """Trains (or goes on training) one object's net; `out` gets checkpoint.pt, log.csv, curves.png and sheet.png.
+    """Trains (or goes on training) one object's net; `out` gets checkpoint.pt, best.pt, log.csv, curves.png and
+    sheet.png. The net that comes back is the best one by held-out views, if any tell.
 
     `workers` processes prepare batches; with none the training does so itself.
     """
@@ -113,28 +137,38 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     if config.loss not in LOSSES:
         raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
     views = Views(config, root)
-    data = Data(config, root, views)
+    # Before the crops are cut: what cannot be trained is said at once.
     trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
-    if checkpoint.exists():
+    resumed = checkpoint.exists()
+    if resumed:
         trainer.resume(checkpoint, DEVICE)
+    best = Best(out / "best.pt", resumed)
+    data = Data(config, root, views)
     validator = Validator(config, root, views)
     source, step = (
         (data, trainer.component_step) if config.loss == "component" else (Pairs(config, views), trainer.pairwise_step)
     )
     batches = load(source, data, config, trainer.step, workers)
     log = Log(out / "log.csv")
-    losses, started, scores = [], time.time(), None
+    losses, started = [], time.time()
     with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
         while trainer.step < config.steps:
             losses.append(step(next(batches)))
             bar.update()
-            if trainer.step % CHECKPOINT_EVERY and trainer.step != config.steps:
+            due = lambda every: trainer.step % every == 0 or trainer.step == config.steps  # noqa: E731
+            if not (due(CHECKPOINT_EVERY) or due(compare_every(config.steps))):
                 continue
             bar.set_postfix(loss=f"{np.mean(losses):.3f}")
-            trainer.save(checkpoint)
             row = {"step": trainer.step, "seconds": round(time.time() - started), "loss": round(np.mean(losses), 4)}
-            if trainer.step % VALIDATE_EVERY == 0 or trainer.step == config.steps:
+            if due(compare_every(config.steps)):
+                found = standing(predictor(trainer.average, views.heights), views)
+                best.offer(trainer.average, trainer.step, found)
+                if found is not None:
+                    row |= {"held_out_deg5_cm5_percent": round(found.deg5_cm5_percent, 2)}
+                    row |= {"held_out_keypoint_px": round(found.keypoint_median_px, 3)}
+            trainer.save(checkpoint)
+            if due(VALIDATE_EVERY):
                 scores = validator(trainer.average)
                 row |= {key: round(value, 3) for key, value in scores.items()}
                 bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
@@ -146,7 +180,14 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
             log.write(row)
             draw_curves(log, out / "curves.png")
             losses = []
-    return Trained(trainer.average, views, validator(trainer.average) if scores is None else scores)
+    net = copy.deepcopy(trainer.average)
+    best_step = best.restore(net)
+    return Trained(net, views, validator(net), trainer.step if best_step is None else best_step)
+
+
+def compare_every(steps: int) -> int:
+    least, most = COMPARE_EVERY
+    return min(most, max(least, steps // COMPARISONS))
 
 
 def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:

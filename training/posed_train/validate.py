@@ -85,9 +85,12 @@ def solve_pose(keypoints: np.ndarray, prediction: Prediction) -> np.ndarray | No
     camera = prediction.view.camera_matrix
     pixels = np.ascontiguousarray(prediction.keypoints, dtype=float)
     tolerance_px = 0.05 * max(prediction.view.box[2:])
-    found, rvec, tvec, inliers = cv2.solvePnPRansac(
-        keypoints, pixels, camera, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=tolerance_px
-    )
+    try:
+        found, rvec, tvec, inliers = cv2.solvePnPRansac(
+            keypoints, pixels, camera, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=tolerance_px
+        )
+    except cv2.error:  # keypoints all in one place, as those of a net that has just begun to learn
+        return None
     if not found or inliers is None:
         return None
     rows = inliers.ravel()

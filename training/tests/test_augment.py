@@ -2,9 +2,10 @@ import cv2
 import numpy as np
 import pytest
 
-from posed_train.augment import Augmenter
+from posed_train.augment import PLAIN_SHARE, Augmenter
 from posed_train.crops import CROP_SCALE, Patch, Square, axis_in_image
 from posed_train.keypoints import virtual_keypoints
+from posed_train.occlusion import cut_off, half_hide
 from posed_train.registration import project
 
 INPUT, SIZE = 128, 192
@@ -36,7 +37,7 @@ def test_a_half_hidden_objects_box_is_of_what_is_left(vary):
     shares = []
     for _ in range(50):
         before = patch(vary.rng)
-        after = vary.half_hide(before)
+        after = half_hide(before, vary.surroundings.photo(), vary.rng)
         assert (after.mask <= before.mask).all()
         assert after.box == Square.around(cv2.boundingRect(after.mask), 1.0)
         left = after.mask == 255  # not the smooth edge
@@ -51,7 +52,7 @@ def test_an_object_cut_off_by_the_border_has_black_beyond(vary):
     """As in the crops that the service cuts: exactly black, and the box ends at the border."""
     for _ in range(50):
         before = patch(vary.rng)
-        after = vary.cut_off(before)
+        after = cut_off(before, vary.rng)
         assert after.box == Square.around(cv2.boundingRect(after.mask), 1.0)
         assert 0.35 < (after.mask > 0).mean() / (before.mask > 0).mean() < 0.95
         moved = [side for side in range(4) if after.border[side] != before.border[side]]
@@ -63,6 +64,33 @@ def test_an_object_cut_off_by_the_border_has_black_beyond(vary):
         beyond = (along - after.border[moved[0]]) * (1 if high else -1)
         assert (crop[beyond > 1.5] == 0).all()
         assert crop[beyond < -1.5].any()
+
+
+def test_whole_objects_stand_before_black_to_the_end(vary):
+    """As beyond a border: else a net takes an object before a black backdrop for one that is cut off."""
+    vary.strength, black, plain = 0.0, 0, 0
+    mask = patch(vary.rng).mask
+    shown = np.full((INPUT, INPUT, 3), 200, np.uint8)
+    whole = cv2.resize(mask, (INPUT, INPUT))
+    for _ in range(400):
+        placed = vary.place(shown, whole, whole=True)
+        assert (placed[whole == 255] == 200).all()
+        black += not placed[whole == 0].any()
+        plain += (placed[whole == 0] == placed[0, 0]).all() and placed[0, 0, 0] != 200
+    assert 0.5 * PLAIN_SHARE < plain / 400 < 1.6 * PLAIN_SHARE
+    assert 0.1 * PLAIN_SHARE < black / 400 < 0.5 * PLAIN_SHARE
+
+
+def test_a_pasted_object_is_lit_alone(vary):
+    shown, whole = np.full((INPUT, INPUT, 3), 100, np.uint8), np.zeros((INPUT, INPUT), np.uint8)
+    whole[40:90, 40:90] = 255
+    vary.surroundings.photos = [np.full((200, 250, 3), 7, np.uint8)]
+    lit = 0
+    for _ in range(200):
+        placed = vary.place(shown, whole, whole=False)
+        if (placed[whole == 0] == 7).all():
+            lit += np.ptp(placed[whole == 255]) > 5
+    assert lit > 5
 
 
 def test_second_looks_are_upright_and_about_the_keypoints(vary):

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import torch
 
-from posed_train.heatmap import Decode, cell_centres
+from posed_train.heatmap import Decode, SecondPeak, cell_centres
 from posed_train.losses import heatmap_loss
 
 
@@ -26,6 +26,22 @@ def test_a_second_peak_leaves_the_mean_and_widens_the_covariance():
     assert torch.allclose(keypoints[0, 0], torch.tensor([30.0, 30.0]), atol=0.1)
     assert covariances[0, 0, 0, 0] > 500 and covariances[0, 0, 1, 1] < 20
     assert 0.6 < peaks[0, 0] < 0.85
+
+
+def test_the_second_peak_is_where_the_rest_of_the_mass_is():
+    two = torch.logaddexp(gaussian(30.3, 31.0, 2.5), gaussian(89.7, 30.0, 2.5) - 1)
+    # A flank beyond the first window is no peak of its own, however high: this first peak is broad.
+    broad = torch.logaddexp(gaussian(40.0, 40.0, 8.0), gaussian(100.0, 90.0, 2.5) - 4)
+    keypoints, weights = SecondPeak(64, 2)(torch.stack([two, broad])[None])
+    expected = torch.tensor([[89.7, 30.0], [100.0, 90.0]])
+    torch.testing.assert_close(keypoints[0], expected, atol=0.2, rtol=0)
+    assert torch.isclose(weights[0, 0], torch.tensor(-1.0).exp(), rtol=0.02)
+    assert 0 < weights[0, 1] < 0.01
+
+
+def test_without_a_second_peak_its_weight_is_nothing():
+    keypoints, weights = SecondPeak(64, 2)(torch.stack([gaussian(40.3, 77.8, 2.5), 9 * gaussian(0.0, 0.0, 1.0)])[None])
+    assert (weights < 1e-6).all() and keypoints.isfinite().all()
 
 
 def test_loss_is_least_at_the_target_and_ignores_keypoints_outside():

@@ -9,10 +9,26 @@ import onnx
 import pytest
 import torch
 
-from posed_train import augment, bop, cli, config, crops, data, detector, export, network, quantize, registration, train
+from posed_train import (
+    augment,
+    bop,
+    cli,
+    config,
+    crops,
+    data,
+    detector,
+    efficientnet,
+    export,
+    network,
+    quantize,
+    registration,
+    train,
+)
 from tests.conftest import MODELS
 
-CUBE = config.KeypointConfig(name="cube", obj_id=1, photoreal="train", held_out_scenes=1, min_visible=0.3, steps=70)
+CUBE = config.KeypointConfig(
+    name="cube", obj_id=1, photoreal="train", network="lite", held_out_scenes=1, min_visible=0.3, steps=70
+)
 SIZE = network.Lite.input_size
 
 
@@ -108,6 +124,10 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     manifest = json.loads((out / "object.json").read_text())
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
     assert manifest["second_look"]["up"] == [0, 0, 1]
+    features = {
+        f.name: f.type.tensor_type.shape.dim[1].dim_value for f in onnx.load(out / "keypoints.onnx").graph.output
+    }
+    assert list(features) == list(export.KEYPOINT_OUTPUTS) and features["features"] == 256
     parameters = sum(value.numel() for value in net.parameters())
     assert (out / "keypoints.onnx").stat().st_size < 1.2 * parameters
     assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0
@@ -146,7 +166,7 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
     settings = config.DetectorConfig(["cube"], [1], "train", "", "", steps=1, batch=1)
     encoder = detector.Trainer(settings, tmp_path / "checkpoint.pt").model.backbone.encoder.state_dict()
     assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
-    with pytest.raises(RuntimeError, match=r"design\.head\.weight"):
+    with pytest.raises(ValueError, match=r"another network.*design\.head\.bias"):
         train.start_from(first.model, {k: v for k, v in first.average.state_dict().items() if "head" not in k})
 
 
@@ -167,6 +187,37 @@ def test_frozen_parts_keep_their_convolutions(rendered, tmp_path):
         train.Trainer(replace(CUBE, frozen=["stages.3"]), keypoints, start)
     with pytest.raises(ValueError, match="--init"):
         train.Trainer(settings, keypoints, None)
+
+
+def test_the_pretrained_encoder_learns_slowly_or_not_at_all(rendered):
+    held = ["encoder.stem", "encoder.stages.0", "encoder.stages.1"]
+    settings = replace(CUBE, network="lite0", frozen=held, frozen_statistics=True, encoder_rate=0.1)
+    views = data.Views(settings, rendered)
+    trainer = train.Trainer(settings, views.registration.keypoints, None)
+    before = {name: value.clone() for name, value in trainer.model.design.state_dict().items()}
+    fresh = efficientnet.Encoder()
+    fresh.load_imagenet()
+    assert all(torch.equal(value, before[f"encoder.{name}"]) for name, value in fresh.state_dict().items())
+    patches, rng = data.Data(settings, rendered, views), np.random.default_rng(0)
+    for _ in range(2):
+        trainer.component_step(patches.batch(2, augment.Augmenter([], rng, SIZE), rng))
+    slow, fast = (group["lr"] for group in reversed(trainer.optimizer.param_groups))
+    assert slow == pytest.approx(0.1 * fast) and fast > 0
+    kept = {name for name, value in trainer.model.design.state_dict().items() if torch.equal(value, before[name])}
+    encoder = {name for name in before if name.startswith("encoder.")}
+    expected = {name for name in encoder if name.startswith(tuple(held)) or "running" in name or "num_batches" in name}
+    assert kept == expected
+    with pytest.raises(ValueError, match="no encoder"):
+        train.Trainer(replace(settings, network="paper", frozen=[]), views.registration.keypoints, None)
+
+
+def test_the_pretrained_network_exports(rendered, tmp_path):
+    settings = replace(CUBE, network="lite0")
+    views = data.Views(settings, rendered)
+    net = train.Trainer(settings, views.registration.keypoints, None).average
+    # Raises where ONNX Runtime and PyTorch differ.
+    export.export_keypoints(net, views, tmp_path, {"name": "cube", "obj_id": 1}, {})
+    assert (tmp_path / "keypoints.onnx").stat().st_size < 4e6
 
 
 @pytest.mark.parametrize("loss", ["pairwise", "registration"])

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from posed_train.bop import View
-from posed_train.validate import CROP_ENSEMBLE, Predictor, predict_views
+from posed_train.validate import CROP_ENSEMBLE, Prediction, Predictor, predict_views, solve_pose
 
 SIZE = 64
 KEYPOINTS = np.array([[110.0, 80], [150, 84], [148, 118], [112, 116]])
@@ -73,3 +73,10 @@ def test_without_heights_there_is_one_look(view):
     net, runs = seeing([beside_by(8), beside_by(0)])
     predict_views(Predictor(net.size, net.run), [view])
     assert runs == [len(CROP_ENSEMBLE)]
+
+
+def test_keypoints_in_one_place_have_no_pose(view):
+    """As those of a net that has just begun to learn."""
+    keypoints = 0.05 * np.array([[x, y, z] for x in (-1.0, 1) for y in (-1, 1) for z in (-1, 1)])
+    collapsed = Prediction(view, np.full((8, 2), 100.0), np.tile(np.eye(2), (8, 1, 1)), np.ones(8))
+    assert solve_pose(keypoints, collapsed) is None
