@@ -17,63 +17,41 @@ use std::error::Error;
 
 use clap::Args;
 
-use super::dataset::DatasetArgs;
-use super::models::ModelArgs;
 use crate::evaluation::{ObjectRecords, Report, page};
-use options::{OutputArgs, SplitArgs};
+use options::{Asked, OutputArgs};
 use scoring::Scoring;
 use without_truth::StillScenes;
 
 #[derive(Args, Debug)]
 pub(super) struct Evaluate {
-    /// Names of the objects. Each has a folder in the models folder.
-    #[arg(required = true)]
-    objects: Vec<String>,
     #[command(flatten)]
-    splits: SplitArgs,
+    asked: Asked,
     #[command(flatten)]
     output: OutputArgs,
-    #[command(flatten)]
-    work: WorkArgs,
-    #[command(flatten)]
-    dataset: DatasetArgs,
-    #[command(flatten)]
-    models: ModelArgs,
-}
-
-/// How images are worked through.
-#[derive(Args, Clone, Debug)]
-struct WorkArgs {
-    /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
-    #[arg(long)]
-    keep_going: bool,
-    /// Number of images to process in parallel. Each job loads its own networks.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    jobs: u16,
 }
 
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         self.output.check()?;
-        if self.splits.without_truth {
+        if self.asked.splits.without_truth {
             return self.compare_views();
         }
-        let scoring = Scoring::new(&self)?;
-        if let Some(references) = &self.splits.references_study {
+        let scoring = Scoring::new(&self.asked)?;
+        if let Some(references) = &self.asked.splits.references_study {
             let rows = scoring.study(references)?;
             print!("{}", study::table(&rows));
             self.output.write_json(&rows)?;
             return Ok(self.output.write_plot(&study::plot(&rows))?);
         }
         let mut scored = Vec::new();
-        for split in &self.splits.splits {
+        for split in &self.asked.splits.splits {
             let split = scoring.score(split)?;
             self.output.write_bop(&split.path, &split.written)?;
             scored.push(split);
         }
         scoring.check_seen(&scored)?;
         let all: Vec<ObjectRecords> = scored.iter_mut().flat_map(|split| std::mem::take(&mut split.objects)).collect();
-        let report = Report::new(self.splits.boxes(), &self.splits.visible, &all);
+        let report = Report::new(self.asked.splits.boxes(), &self.asked.splits.visible, &all);
         print!("{}", table::tables(&report));
         self.output.write_json(&report)?;
         if self.output.html.is_some() {
@@ -88,16 +66,16 @@ impl Evaluate {
 
     /// Without ground truth.
     fn compare_views(&self) -> Result<(), Box<dyn Error>> {
-        let [split] = &self.splits.splits[..] else {
+        let [split] = &self.asked.splits.splits[..] else {
             return Err("--without-truth takes one --split; its scenes may be many".into());
         };
         let still = StillScenes {
-            objects: &self.objects,
+            objects: &self.asked.objects,
             split,
-            options: self.dataset.options()?,
-            models: &self.models,
-            jobs: usize::from(self.work.jobs),
-            keep_going: self.work.keep_going,
+            options: self.asked.dataset.options()?,
+            models: &self.asked.models,
+            jobs: usize::from(self.asked.work.jobs),
+            keep_going: self.asked.work.keep_going,
             output: &self.output,
         };
         still.run()

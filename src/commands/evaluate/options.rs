@@ -2,9 +2,38 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::super::dataset::DatasetArgs;
+use super::super::models::ModelArgs;
 use crate::evaluation::{Boxes, VisibleRange};
 
-/// What is evaluated.
+/// What is evaluated, and how.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Asked {
+    /// Names of the objects. Each has a folder in the models folder.
+    #[arg(required = true)]
+    pub(super) objects: Vec<String>,
+    #[command(flatten)]
+    pub(super) splits: SplitArgs,
+    #[command(flatten)]
+    pub(super) work: WorkArgs,
+    #[command(flatten)]
+    pub(super) dataset: DatasetArgs,
+    #[command(flatten)]
+    pub(super) models: ModelArgs,
+}
+
+/// How images are worked through.
+#[derive(Args, Clone, Debug)]
+pub(super) struct WorkArgs {
+    /// Skip scenes and images that cannot be read, and report them at the end, instead of failing.
+    #[arg(long)]
+    pub(super) keep_going: bool,
+    /// Number of images to process in parallel. Each job loads its own networks.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub(super) jobs: u16,
+}
+
+/// Images and boxes.
 #[derive(Args, Clone, Debug)]
 pub(super) struct SplitArgs {
     /// BOP split or LINEMOD data folder: scene folders with their ground truth. Or one scene folder. Repeat it for several.

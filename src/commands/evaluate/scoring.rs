@@ -3,8 +3,8 @@ use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 
-use super::Evaluate;
 use super::answers::{Object, Source};
+use super::options::Asked;
 use super::output::Written;
 use super::plan::{Plan, Selection, Task};
 use super::pool::in_parallel;
@@ -18,7 +18,7 @@ use posed_core::calibration::Offset;
 
 /// Everything that is loaded before the first image.
 pub(super) struct Scoring<'a> {
-    asked: &'a Evaluate,
+    asked: &'a Asked,
     targets: Option<Targets>,
     pub(super) known: Vec<Known>,
     source: Source,
@@ -35,7 +35,7 @@ pub(super) struct ScoredSplit {
 }
 
 impl<'a> Scoring<'a> {
-    pub(super) fn new(asked: &'a Evaluate) -> Result<Self, Box<dyn Error>> {
+    pub(super) fn new(asked: &'a Asked) -> Result<Self, Box<dyn Error>> {
         let targets = asked.splits.targets.as_deref().map(Targets::read).transpose()?;
         let load = |name: &String| ObjectModel::load(&asked.models.models, name);
         let models = asked.objects.iter().map(load).collect::<Result<Vec<_>, _>>()?;
@@ -161,14 +161,14 @@ impl<'a> Scoring<'a> {
     }
 }
 
-fn known(asked: &Evaluate, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
+fn known(asked: &Asked, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
     let folder = asked.splits.meshes.as_deref().ok_or("--meshes is missing")?;
     let mesh = ObjectMesh::read(folder, model.manifest.obj_id)?;
     let points = ModelPoints::new(&mesh)?;
     Ok(Known { obj_id: model.manifest.obj_id, points, corners: box_corners(&mesh.vertices) })
 }
 
-fn source(asked: &Evaluate, models: Vec<ObjectModel>, known: &[Known]) -> Result<Source, Box<dyn Error>> {
+fn source(asked: &Asked, models: Vec<ObjectModel>, known: &[Known]) -> Result<Source, Box<dyn Error>> {
     let runtime = || asked.models.runtime_for(usize::from(asked.work.jobs));
     match (asked.splits.boxes(), &asked.splits.estimates) {
         (Boxes::File, Some(path)) => {
@@ -189,7 +189,7 @@ fn source(asked: &Evaluate, models: Vec<ObjectModel>, known: &[Known]) -> Result
     }
 }
 
-fn offset(asked: &Evaluate, model: &ObjectModel) -> Result<Offset, Box<dyn Error>> {
+fn offset(asked: &Asked, model: &ObjectModel) -> Result<Offset, Box<dyn Error>> {
     let name = &model.manifest.name;
     let reference = References::read(&asked.models.reference, model)?;
     Ok(reference.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?.offset)

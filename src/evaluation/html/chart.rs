@@ -1,5 +1,11 @@
+use plotters::backend::{DrawingBackend, SVGBackend};
+use plotters::chart::ChartBuilder;
 pub(super) use plotters::chart::SeriesLabelPosition as Legend;
-use plotters::prelude::*;
+use plotters::coord::Shift;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea as _};
+use plotters::element::{Circle, PathElement, Rectangle};
+use plotters::series::LineSeries;
+use plotters::style::{Color as _, RGBColor, WHITE};
 
 use std::ops::Range;
 
@@ -90,10 +96,7 @@ impl Chart<'_> {
         if drawn { svg } else { String::new() }
     }
 
-    fn draw<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, plotters::coord::Shift>,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         let mut chart = ChartBuilder::on(area)
             .caption(self.title, ("sans-serif", 15))
             .margin(8)
