@@ -1,3 +1,4 @@
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
@@ -10,8 +11,8 @@ use posed_core::geometry::{METRES_PER_MILLIMETRE, Symmetries, SymmetryError};
 
 /// Folders of meshes within that of a dataset: those made for scores first.
 const WITHIN_DATASET: [&str; 2] = ["models_eval", "models"];
-/// A mesh whose extent is so many times larger or smaller than its stated diameter is in another unit.
-const SCALE: f64 = 10.0;
+/// Diagonal of the box about a mesh, of its diameter: between 1 and the square root of 3, and a little for simplified meshes.
+const DIAGONAL: RangeInclusive<f64> = 0.8..=2.0;
 
 /// A folder of meshes that cannot be read.
 #[derive(Debug, Error)]
@@ -29,8 +30,8 @@ pub enum MeshError {
     #[error("{}: no vertices with finite coordinates x, y, z", path.display())]
     NoVertices { path: PathBuf },
     #[error(
-        "{}: the vertices span {extent_mm} mm, but the object's diameter is said to be {diameter_mm} mm: one of the two is in \
-         another unit",
+        "{}: the diagonal of the box about the vertices is {extent_mm} mm, but the object's diameter is said to be \
+         {diameter_mm} mm: one of the two is wrong, or in another unit",
         path.display()
     )]
     Scale { path: PathBuf, extent_mm: f64, diameter_mm: f64 },
@@ -81,7 +82,7 @@ impl ObjectMesh {
         let path = names.iter().find(|path| path.is_file()).unwrap_or(&names[0]);
         let vertices_mm = ply::vertices(path).map_err(|source| MeshError::Read { path: path.clone(), source })?;
         let extent_mm = extent(&vertices_mm).ok_or_else(|| MeshError::NoVertices { path: path.clone() })?;
-        if !(diameter_mm / SCALE..=diameter_mm * SCALE).contains(&extent_mm) {
+        if !DIAGONAL.contains(&(extent_mm / diameter_mm)) {
             return Err(MeshError::Scale { path: path.clone(), extent_mm, diameter_mm });
         }
         Ok(Self {

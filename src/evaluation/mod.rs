@@ -18,14 +18,16 @@ pub use dataset::{
     Annotation, DatasetError, GroundTruth, ImageError, ImageProblem, ReadOptions, Scene, SceneFolder, Target, Targets,
     View, scenes,
 };
-pub use html::{Picture, ReferencesCurve, Sheet, Spread, close_up, page, references_plot};
+pub use html::{Outline, Picture, ReferencesCurve, Sheet, Spread, close_up, page, references_plot};
 pub use mesh::{MeshError, ObjectMesh};
 pub use metrics::{
     Bootstrap, Claim, Consistency, Coverage, DegreesCentimetres, DetectionScore, Deviation, FoundBox, GroupConsistency,
     Interval, Matching, ModelPoints, ModelPointsError, Nees, PoseNees, Recall, ReliabilityBin, RiskPoint, ScoredView,
     TrueBox, Trust,
 };
-pub use record::{Answer, DetectedBox, Place, Record, Scored, box_corners};
-pub use report::{Boxes, Counted, Detections, Intervals, ObjectRecords, Picks, Report, Section, Verdicts, picks};
+pub use record::{Answer, DetectedBox, Place, Record, Scored, Unmatched, box_corners};
+pub use report::{
+    Boxes, Counted, Detections, FalseLine, Intervals, ObjectRecords, Picks, Report, Section, Verdicts, ViewLine, picks,
+};
 pub use results::{BoxResult, PoseResult, ResultsError, read_poses, results_name, write_boxes, write_poses};
 pub use visibility::VisibleRange;

@@ -64,6 +64,14 @@ pub struct Scored {
     pub nees: Option<PoseNees>,
 }
 
+/// An answer that means none of the instances in its image.
+#[derive(Clone, Debug)]
+pub struct Unmatched {
+    pub scene: String,
+    pub image_id: u32,
+    pub answer: Answer,
+}
+
 impl Record {
     /// As statistics take it.
     #[must_use]

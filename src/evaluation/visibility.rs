@@ -11,6 +11,10 @@ pub struct VisibleRange {
 }
 
 impl VisibleRange {
+    pub const ALL: Self = Self { low: 0.0, high: 1.0 };
+    pub const MOSTLY_VISIBLE: Self = Self { low: 0.7, high: 1.0 };
+    pub const HALF_HIDDEN: Self = Self { low: 0.3, high: 0.7 };
+
     #[must_use]
     pub fn contains(&self, visible_fraction: f64) -> bool {
         (self.low..self.high).contains(&visible_fraction) || (self.high >= 1.0 && visible_fraction >= self.high)

@@ -252,3 +252,93 @@ fn more_references_are_studied() {
     // The references are the very views that are scored.
     assert!(text.lines().nth(2).unwrap().contains("100.0 (100.0 to 100.0)"), "{text}");
 }
+
+#[test]
+fn of_several_results_the_surest_counts_whatever_its_line() {
+    let split = split(1);
+    let file = split.path().join("two_set-test.csv");
+    let lines: Vec<String> = [0.0, 60.0].map(|shift_mm| truth_as_results(split.path(), shift_mm)).into();
+    let body = |text: &str, score: &str| {
+        let (_, body) = text.split_once('\n').unwrap();
+        body.replace(",1.0,", &format!(",{score},"))
+    };
+    let header = lines[0].lines().next().unwrap();
+    for (scores, expected) in [(["0.9", "0.1"], 1.0), (["0.1", "0.9"], 0.0)] {
+        // The wrong pose stands first in the file.
+        let text = format!("{header}\n{}{}", body(&lines[1], scores[1]), body(&lines[0], scores[0]));
+        fs::write(&file, text).unwrap();
+        let report = figures(split.path(), &["--estimates", file.to_str().unwrap()]);
+        assert_eq!(report["sections"][0]["recall"]["add"], expected);
+    }
+}
+
+#[test]
+fn results_of_nothing_that_is_asked_for_are_an_error() {
+    let split = split(1);
+    let file = split.path().join("other_set-test.csv");
+    let text = truth_as_results(split.path(), 0.0);
+    for other in
+        [text.replace("\n5,", "\n6,"), text.replace("\n5,0,", "\n5,9,"), text.lines().next().unwrap().to_owned()]
+    {
+        fs::write(&file, other).unwrap();
+        let said = explanation(&evaluate(split.path(), &["--estimates", file.to_str().unwrap()]));
+        assert!(said.contains("other_set-test.csv: none of its"), "{said}");
+    }
+}
+
+#[test]
+fn what_would_be_counted_or_written_twice_is_refused() {
+    let split = split(1);
+    let folder = split.path().to_str().unwrap();
+    let out = split.path().join("out");
+    let out = out.to_str().unwrap();
+    for (extra, words) in [
+        (vec!["--split", folder], "--split"),
+        (vec!["cube"], "object cube is given twice"),
+        (vec!["--visible", "0.5..1", "--visible", "0.5..1"], "--visible 0.5..1 is given twice"),
+        (vec!["--json", out, "--html", out], "written twice"),
+        (vec!["--json", folder], "it is a folder"),
+        (vec!["--bop", folder, "--method", "../evil"], "--method"),
+    ] {
+        let said = explanation(&evaluate(split.path(), &extra));
+        assert!(said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn objects_without_a_view_do_not_cost_the_others_their_figures() {
+    let split = split(1);
+    edit(&split.path().join("000005/scene_gt.json"), |all| {
+        all["0"]
+            .as_array_mut()
+            .unwrap()
+            .iter_mut()
+            .filter(|one| one["obj_id"] == 2)
+            .for_each(|one| one["obj_id"] = json!(9));
+    });
+    let output = run(&[
+        "evaluate",
+        "cube",
+        "bracket",
+        "--split",
+        split.path().to_str().unwrap(),
+        "--meshes",
+        "training/demo/models",
+    ]);
+    assert!(explanation(&output).contains("no view of bracket"));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("| cube | 0.7..1 | 1 |"));
+}
+
+#[test]
+fn each_view_is_in_the_figures_and_its_visibility_is_checked() {
+    let split = split(2);
+    let report = figures(split.path(), &[]);
+    let views = report["views"].as_array().unwrap();
+    assert_eq!((views.len(), &views[1]["image_id"], &views[1]["scene"]), (2, &json!(1), &json!("000005")));
+    assert!(views[0]["deviation"]["add_m"].is_number() && views[0]["nees"]["pose"]["degrees"] == 6);
+    edit(&split.path().join("000005/scene_gt_info.json"), |all| {
+        all["1"].as_array_mut().unwrap().iter_mut().for_each(|object| object["visib_fract"] = json!(70));
+    });
+    let said = explanation(&evaluate(split.path(), &[]));
+    assert!(said.contains("image 1") && said.contains("field 'visib_fract' is 70"), "{said}");
+}

@@ -24,8 +24,14 @@ pub(super) enum Source {
     Boxes(Vec<Object>, Runtime),
     /// Detector and networks. Objects by name.
     Pipeline(Vec<String>, Runtime, Arc<Library>, Arc<References>),
-    /// Poses that some method wrote down, by scene and image.
-    File(BTreeMap<(u32, u32), Vec<FileAnswer>>),
+    /// Poses that some method wrote down.
+    File(FileAnswers),
+}
+
+/// A file of results, by scene and image.
+pub(super) struct FileAnswers {
+    by_image: BTreeMap<(u32, u32), Vec<FileAnswer>>,
+    others: usize,
 }
 
 /// A line of a file of results.
@@ -40,7 +46,7 @@ pub(super) struct FileAnswer {
 pub(super) enum Answerer<'a> {
     Boxes(&'a [Object], Vec<KeypointSolver<'a>>),
     Pipeline(&'a [String], Box<Estimator>),
-    File(&'a BTreeMap<(u32, u32), Vec<FileAnswer>>),
+    File(&'a FileAnswers),
 }
 
 /// What was said of one image.
@@ -58,11 +64,28 @@ pub(super) struct Said {
     pub(super) time_s: f64,
 }
 
+impl FileAnswers {
+    /// How many lines there are of each image.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&(u32, u32), &[FileAnswer])> {
+        self.by_image.iter().map(|(image, lines)| (image, lines.as_slice()))
+    }
+
+    /// Lines of objects that are not evaluated.
+    pub(super) fn others(&self) -> usize {
+        self.others
+    }
+}
+
 impl Source {
-    pub(super) fn file(results: Vec<PoseResult>, obj_ids: &[u32]) -> Self {
-        let mut by_image = BTreeMap::<_, Vec<_>>::new();
+    pub(super) fn file(mut results: Vec<PoseResult>, obj_ids: &[u32]) -> Self {
+        // The surest first: of several poses it chooses first which instance it means.
+        results.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let (mut by_image, mut others) = (BTreeMap::<_, Vec<_>>::new(), 0);
         for result in results {
-            let Some(object) = obj_ids.iter().position(|obj_id| *obj_id == result.obj_id) else { continue };
+            let Some(object) = obj_ids.iter().position(|obj_id| *obj_id == result.obj_id) else {
+                others += 1;
+                continue;
+            };
             let answer = Answer {
                 pose: Some(result.camera_from_object),
                 covariance: None,
@@ -74,7 +97,7 @@ impl Source {
             let answer = FileAnswer { object, answer, time_s: result.time_s };
             by_image.entry((result.scene_id, result.image_id)).or_default().push(answer);
         }
-        Self::File(by_image)
+        Self::File(FileAnswers { by_image, others })
     }
 
     pub(super) fn answerer(&self) -> Result<Answerer<'_>, String> {
@@ -125,8 +148,7 @@ impl Answerer<'_> {
             }
             Self::File(results) => {
                 let (width_px, _) = image::image_dimensions(&task.image).map_err(|error| wrong(&error))?;
-                let key = task.scene_id.map(|scene_id| (scene_id, task.image_id));
-                let lines = key.and_then(|key| results.get(&key)).map_or(&[][..], Vec::as_slice);
+                let lines = task.key().and_then(|key| results.by_image.get(&key)).map_or(&[][..], Vec::as_slice);
                 let anywhere = lines.iter().map(|line| (line.object, line.answer.clone())).collect();
                 let time_s = lines.iter().map(|line| line.time_s).fold(-1.0, f64::max);
                 Ok(Said { of_instances: Vec::new(), anywhere, by_detector: false, width_px, time_s })

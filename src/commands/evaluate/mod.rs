@@ -14,6 +14,7 @@ mod without_truth;
 mod work;
 
 use std::error::Error;
+use std::io::{self, Write as _};
 
 use clap::Args;
 
@@ -32,16 +33,17 @@ pub(super) struct Evaluate {
 
 impl Evaluate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        self.output.check()?;
+        self.asked.check()?;
+        self.output.check(&self.asked.splits.splits)?;
         if self.asked.splits.without_truth {
             return self.compare_views();
         }
-        let scoring = Scoring::new(&self.asked)?;
+        let scoring = Scoring::new(&self.asked, self.output.bop.is_some())?;
         if let Some(references) = &self.asked.splits.references_study {
             let rows = scoring.study(references)?;
-            print!("{}", study::table(&rows));
             self.output.write_json(&rows)?;
-            return Ok(self.output.write_plot(&study::plot(&rows))?);
+            self.output.write_plot(&study::plot(&rows))?;
+            return Ok(print(&study::table(&rows))?);
         }
         let mut scored = Vec::new();
         for split in &self.asked.splits.splits {
@@ -49,10 +51,9 @@ impl Evaluate {
             self.output.write_bop(&split.path, &split.written)?;
             scored.push(split);
         }
-        scoring.check_seen(&scored)?;
+        let seen = scoring.check_seen(&scored);
         let all: Vec<ObjectRecords> = scored.iter_mut().flat_map(|split| std::mem::take(&mut split.objects)).collect();
-        let report = Report::new(self.asked.splits.boxes(), &self.asked.splits.visible, &all);
-        print!("{}", table::tables(&report));
+        let report = Report::new(self.asked.splits.boxes(), &self.asked.splits.visible(), &all);
         self.output.write_json(&report)?;
         if self.output.html.is_some() {
             let sheets = sheets::sheets(&scoring, &scored, &all)?;
@@ -61,7 +62,8 @@ impl Evaluate {
         for split in &scored {
             split.problems.report();
         }
-        Ok(())
+        print(&table::tables(&report))?;
+        Ok(seen?)
     }
 
     /// Without ground truth.
@@ -80,4 +82,9 @@ impl Evaluate {
         };
         still.run()
     }
+}
+
+/// An error, where `print!` would panic, if nobody reads.
+fn print(text: &str) -> io::Result<()> {
+    io::stdout().write_all(text.as_bytes())
 }

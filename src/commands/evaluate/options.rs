@@ -46,8 +46,9 @@ pub(super) struct SplitArgs {
     #[arg(long, value_name = "FILE.json")]
     pub(super) targets: Option<PathBuf>,
     /// Ranges of the visible fraction, each reported on its own. Views outside of all of them are not scored.
-    #[arg(long = "visible", value_name = "LOW..HIGH", default_values = ["0.7..1", "0.3..0.7"])]
-    pub(super) visible: Vec<VisibleRange>,
+    /// [default: 0.7..1 and 0.3..0.7; 0..1 with --targets]
+    #[arg(long = "visible", value_name = "LOW..HIGH")]
+    visible: Vec<VisibleRange>,
     /// Use the boxes of the detector instead of the ground truth. A view without a pose counts as wrong.
     #[arg(long)]
     pub(super) detector: bool,
@@ -66,7 +67,39 @@ pub(super) struct SplitArgs {
     pub(super) without_truth: bool,
 }
 
+impl Asked {
+    /// Refuses what is given twice: it would be counted twice.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let splits: Vec<_> =
+            self.splits.splits.iter().map(|split| split.canonicalize().unwrap_or(split.clone())).collect();
+        let ranges: Vec<_> = self.splits.visible.iter().map(VisibleRange::to_string).collect();
+        for (what, twice) in [
+            ("object", first_twice(&self.objects)),
+            ("--split", first_twice(&splits).map(|path| path.display().to_string())),
+            ("--visible", first_twice(&ranges)),
+        ] {
+            if let Some(twice) = twice {
+                return Err(format!("{what} {twice} is given twice"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn first_twice<T: Clone + PartialEq>(all: &[T]) -> Option<T> {
+    (1..all.len()).find(|place| all[..*place].contains(&all[*place])).map(|place| all[place].clone())
+}
+
 impl SplitArgs {
+    /// Targets count however hidden they are.
+    pub(super) fn visible(&self) -> Vec<VisibleRange> {
+        match (&self.visible[..], &self.targets) {
+            ([], None) => vec![VisibleRange::MOSTLY_VISIBLE, VisibleRange::HALF_HIDDEN],
+            ([], Some(_)) => vec![VisibleRange::ALL],
+            (ranges, _) => ranges.to_vec(),
+        }
+    }
+
     pub(super) fn boxes(&self) -> Boxes {
         match (self.detector, &self.estimates) {
             (true, _) => Boxes::Detector,
@@ -93,6 +126,13 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "DIR")]
     pub(super) bop: Option<PathBuf>,
     /// Name of the method in these files' names.
-    #[arg(long, value_name = "NAME", default_value = "posed", requires = "bop")]
+    /// Letters, digits and hyphens.
+    #[arg(long, value_name = "NAME", default_value = "posed", requires = "bop", value_parser = method_name)]
     pub(super) method: String,
+}
+
+/// The toolkit takes files' names apart at underscores.
+fn method_name(text: &str) -> Result<String, String> {
+    let fits = !text.is_empty() && text.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '-');
+    fits.then(|| text.to_owned()).ok_or_else(|| "must be letters, digits and hyphens".into())
 }

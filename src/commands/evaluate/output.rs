@@ -1,5 +1,5 @@
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -19,8 +19,21 @@ impl OutputArgs {
     ///
     /// # Errors
     /// In words that name the file.
-    pub(super) fn check(&self) -> Result<(), String> {
-        for path in [&self.json, &self.html, &self.plot].into_iter().flatten() {
+    pub(super) fn check(&self, splits: &[PathBuf]) -> Result<(), String> {
+        let names: Vec<_> = splits.iter().map(|split| results_name(&self.method, split)).collect();
+        let same = (1..names.len()).find(|place| names[..*place].contains(&names[*place]));
+        if let Some(place) = same.filter(|_| self.bop.is_some()) {
+            let name = &names[place];
+            return Err(format!("--bop: several splits would be written to {name}.csv; evaluate them one by one"));
+        }
+        let paths: Vec<_> = [&self.json, &self.html, &self.plot].into_iter().flatten().collect();
+        if let Some(twice) = (1..paths.len()).find(|place| paths[..*place].contains(&paths[*place])) {
+            return Err(format!("{} is to be written twice", paths[twice].display()));
+        }
+        for path in paths {
+            if path.is_dir() {
+                return Err(format!("cannot write {}: it is a folder", path.display()));
+            }
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
             if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
                 return Err(format!("cannot write {}: there is no folder {}", path.display(), folder.display()));
@@ -34,8 +47,8 @@ impl OutputArgs {
 
     pub(super) fn write_json(&self, figures: &impl Serialize) -> Result<(), String> {
         let Some(path) = &self.json else { return Ok(()) };
-        let write = || write_atomically(path, &serde_json::to_vec_pretty(figures).map_err(std::io::Error::from)?);
-        write().map_err(|error| unwritten(path, &error))
+        let bytes = serde_json::to_vec_pretty(figures).map_err(|error| unwritten(path, &error.into()))?;
+        write(path, &bytes)
     }
 
     pub(super) fn write_html(&self, page: &str) -> Result<(), String> {
@@ -62,6 +75,13 @@ fn unwritten(path: &Path, error: &std::io::Error) -> String {
 }
 
 fn write_text(path: Option<&Path>, text: &str) -> Result<(), String> {
-    let Some(path) = path else { return Ok(()) };
-    write_atomically(path, text.as_bytes()).map_err(|error| unwritten(path, &error))
+    path.map_or(Ok(()), |path| write(path, text.as_bytes()))
+}
+
+/// Follows links; only regular files are replaced.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    let target = path.canonicalize().unwrap_or_else(|_| path.into());
+    let replace = !target.exists() || target.is_file();
+    let written = if replace { write_atomically(&target, bytes) } else { fs::write(&target, bytes) };
+    written.map_err(|error| unwritten(path, &error))
 }

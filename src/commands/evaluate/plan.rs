@@ -2,7 +2,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::problems::Problems;
-use crate::evaluation::{DatasetError, GroundTruth, ReadOptions, Scene, Targets, View, VisibleRange, scenes};
+use crate::evaluation::{
+    DatasetError, GroundTruth, ReadOptions, Scene, SceneFolder, Targets, View, VisibleRange, scenes,
+};
 use crate::vision::BoundingBox;
 use posed_core::geometry::Camera;
 
@@ -13,6 +15,8 @@ pub(super) struct Selection<'a> {
     pub(super) targets: Option<&'a Targets>,
     /// Whether images matter in which no object counts: a detector may see one there.
     pub(super) empty_images: bool,
+    /// Whether the targets are about this split alone.
+    pub(super) whole: bool,
 }
 
 /// One image to score, without its pixels.
@@ -24,6 +28,13 @@ pub(super) struct Task {
     pub(super) camera: Camera,
     /// Those that count first.
     pub(super) instances: Vec<Instance>,
+}
+
+impl Task {
+    /// Scene and image, as files of results name them.
+    pub(super) fn key(&self) -> Option<(u32, u32)> {
+        Some((self.scene_id?, self.image_id))
+    }
 }
 
 /// An object that is in it.
@@ -55,7 +66,9 @@ impl Plan {
                 Err(error) => plan.problems.push(error.to_string()),
             }
         }
-        plan.miss(selection, &there);
+        // A scene of a split, or one split of several, holds a part of the targets.
+        let whole = selection.whole && SceneFolder::at(split, options).is_err();
+        plan.miss(selection, &there, whole);
         Ok(plan)
     }
 
@@ -108,10 +121,12 @@ impl Plan {
     }
 
     /// Targets in images that are not there.
-    fn miss(&mut self, selection: &Selection<'_>, there: &BTreeSet<(u32, u32)>) {
+    fn miss(&mut self, selection: &Selection<'_>, there: &BTreeSet<(u32, u32)>, whole: bool) {
         let Some(targets) = selection.targets else { return };
         let listed = selection.obj_ids.iter().flat_map(|obj_id| targets.images(*obj_id));
-        let missing: BTreeSet<_> = listed.filter(|place| !there.contains(place)).collect();
+        let scenes: BTreeSet<_> = there.iter().map(|(scene, _)| *scene).collect();
+        let here = |(scene, _): &(u32, u32)| whole || scenes.contains(scene);
+        let missing: BTreeSet<_> = listed.filter(|place| here(place) && !there.contains(place)).collect();
         let mut by_scene = BTreeMap::<u32, Vec<u32>>::new();
         for (scene, image) in missing {
             by_scene.entry(scene).or_default().push(image);

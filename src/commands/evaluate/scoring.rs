@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -22,6 +23,8 @@ pub(super) struct Scoring<'a> {
     targets: Option<Targets>,
     pub(super) known: Vec<Known>,
     source: Source,
+    /// Whether files for the BOP toolkit are made.
+    writes_results: bool,
 }
 
 /// What became of one split.
@@ -35,13 +38,13 @@ pub(super) struct ScoredSplit {
 }
 
 impl<'a> Scoring<'a> {
-    pub(super) fn new(asked: &'a Asked) -> Result<Self, Box<dyn Error>> {
+    pub(super) fn new(asked: &'a Asked, writes_results: bool) -> Result<Self, Box<dyn Error>> {
         let targets = asked.splits.targets.as_deref().map(Targets::read).transpose()?;
         let load = |name: &String| ObjectModel::load(&asked.models.models, name);
         let models = asked.objects.iter().map(load).collect::<Result<Vec<_>, _>>()?;
         let known = models.iter().map(|model| known(asked, model)).collect::<Result<Vec<_>, _>>()?;
         let source = source(asked, models, &known)?;
-        Ok(Self { asked, targets, known, source })
+        Ok(Self { asked, targets, known, source, writes_results })
     }
 
     /// Answers all images of a split, and scores the answers.
@@ -66,12 +69,20 @@ impl<'a> Scoring<'a> {
         let obj_ids: Vec<_> = self.known.iter().map(|known| known.obj_id).collect();
         let selection = Selection {
             obj_ids: &obj_ids,
-            visible: &asked.splits.visible,
+            visible: &asked.splits.visible(),
             targets: self.targets.as_ref(),
             empty_images: asked.splits.detector,
+            whole: asked.splits.splits.len() == 1,
         };
         let plan = Plan::of(split, &asked.dataset.options()?, &selection)?;
         self.settle(&plan.problems)?;
+        let by_number = asked.splits.estimates.is_some() || self.writes_results;
+        if let Some(task) = plan.tasks.iter().find(|task| by_number && task.scene_id.is_none()) {
+            let (split, scene) = (split.display(), &task.scene);
+            return Err(
+                format!("{split}: scene folder {scene:?} is no number; files of results name scenes by one").into()
+            );
+        }
         Ok(plan)
     }
 
@@ -116,6 +127,9 @@ impl<'a> Scoring<'a> {
         for (object, (known, Object { model, .. })) in self.known.iter().zip(objects).enumerate() {
             let of_object =
                 |all: &'_ [SolvedView]| all.iter().filter(|view| view.object == object).cloned().collect::<Vec<_>>();
+            if of_object(&views).is_empty() {
+                return Err(format!("no view of {} can be scored; see --visible", model.manifest.name).into());
+            }
             rows.extend(study::study(model, &known.points, &of_object(&references), &of_object(&views))?);
         }
         Ok(rows)
@@ -141,20 +155,44 @@ impl<'a> Scoring<'a> {
         results
     }
 
+    pub(super) fn keeps_going(&self) -> bool {
+        self.asked.work.keep_going
+    }
+
     /// An error if there are problems that must not be.
     fn settle(&self, problems: &Problems) -> Result<(), String> {
         if self.asked.work.keep_going { Ok(()) } else { problems.none_or_error() }
     }
 
-    /// An error if there is an object without any view.
+    /// An error if there are objects without any view, or a file of results of which no line counts.
     pub(super) fn check_seen(&self, scored: &[ScoredSplit]) -> Result<(), String> {
-        for (object, name) in self.asked.objects.iter().enumerate() {
-            if scored.iter().all(|split| split.objects[object].records.is_empty()) {
-                for split in scored {
-                    split.problems.report();
-                }
-                let splits: Vec<_> = scored.iter().map(|split| split.path.display().to_string()).collect();
-                return Err(format!("{}: no view of {name} lies within --visible", splits.join(", ")));
+        let splits = || scored.iter().map(|split| split.path.display().to_string()).collect::<Vec<_>>().join(", ");
+        let unseen = |object: &usize| scored.iter().all(|split| split.objects[*object].records.is_empty());
+        let names: Vec<_> =
+            (0..self.known.len()).filter(unseen).map(|object| self.asked.objects[object].as_str()).collect();
+        if !names.is_empty() {
+            return Err(format!(
+                "{}: no view of {} was scored; see --visible and --targets",
+                splits(),
+                names.join(", ")
+            ));
+        }
+        if let (Source::File(answers), Some(path)) = (&self.source, &self.asked.splits.estimates) {
+            let images: BTreeSet<_> =
+                scored.iter().flat_map(|split| split.tasks.iter().filter_map(Task::key)).collect();
+            let (used, unused) = answers.iter().fold((0, 0), |(used, unused), (image, lines)| {
+                if images.contains(image) { (used + lines.len(), unused) } else { (used, unused + lines.len()) }
+            });
+            let unused = unused + answers.others();
+            if used == 0 {
+                return Err(format!(
+                    "{}: none of its {unused} lines is of these objects in {}",
+                    path.display(),
+                    splits()
+                ));
+            }
+            if unused > 0 {
+                eprintln!("{}: {unused} lines are of other objects or images", path.display());
             }
         }
         Ok(())
@@ -199,8 +237,8 @@ fn add(objects: &mut [ObjectRecords], written: &mut Written, result: ImageResult
     for (object, record) in result.records {
         objects[object].records.push(record);
     }
-    for (object, answer) in result.unmatched {
-        objects[object].unmatched.push(answer);
+    for (object, unmatched) in result.unmatched {
+        objects[object].unmatched.push(unmatched);
     }
     for (of_object, matching) in objects.iter_mut().zip(result.matchings) {
         of_object.matchings.push(matching);

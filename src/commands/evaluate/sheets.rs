@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use super::plan::Task;
 use super::scoring::{ScoredSplit, Scoring};
-use crate::evaluation::{ObjectRecords, Picture, Record, Sheet, close_up, picks};
-use crate::vision::{DecodeOptions, Mark, PoseMark, read_image};
+use crate::evaluation::{ObjectRecords, Outline, Picture, Record, Sheet, close_up, picks};
+use crate::vision::{DecodeOptions, read_image};
 use posed_core::geometry::Pose;
 use posed_core::pnp::Status;
 
@@ -36,7 +36,12 @@ pub(super) fn sheets(
             for record in group.records {
                 let task = tasks.get(&(record.place.scene.clone(), record.place.image_id));
                 let Some(task) = task else { continue };
-                pictures.push(picture(task, record, &known.corners, of_object)?);
+                match picture(task, record, &known.corners, of_object) {
+                    Ok(picture) => pictures.push(picture),
+                    // It could be scored without its pixels.
+                    Err(_) if scoring.keeps_going() => {}
+                    Err(error) => return Err(error),
+                }
             }
             let (split, object) = (of_object.split.clone(), of_object.object.clone());
             sheets.push(Sheet { split, object, title: group.title, pictures });
@@ -53,20 +58,16 @@ fn picture(
 ) -> Result<Picture, String> {
     let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", task.image.display());
     let image = read_image(&task.image, &DecodeOptions::default()).map_err(|error| wrong(&error))?;
-    let mark = |pose: &Pose, colour| Mark {
-        bounding_box: record.region,
-        colour,
-        label: String::new(),
-        pose: Some(PoseMark {
-            camera_from_object: *pose,
-            axis_length_m: 0.5 * of_object.diameter_m,
-            corners: corners.map(|corner| pose.transform(&corner)),
-        }),
-    };
-    let said = record.said.as_ref();
-    let estimate = said.and_then(|said| Some(mark(said.answer.pose.as_ref()?, colour(said.answer.status))));
-    let marks: Vec<Mark> = [mark(&record.camera_from_object, TRUTH)].into_iter().chain(estimate).collect();
-    let jpeg = close_up(&image, &task.camera, &record.region, &marks).map_err(|error| wrong(&error))?;
+    let corners = |pose: &Pose| corners.map(|corner| pose.transform(&corner));
+    let truth = Outline { corners: corners(&record.camera_from_object), colour: TRUTH, axes: None };
+    let answer = record.said.as_ref().map(|said| &said.answer);
+    let estimate = answer.and_then(|answer| {
+        let pose = answer.pose.as_ref()?;
+        let axes = Some((*pose, 0.5 * of_object.diameter_m));
+        Some(Outline { corners: corners(pose), colour: colour(answer.status), axes })
+    });
+    let outlines: Vec<_> = [truth].into_iter().chain(estimate).collect();
+    let jpeg = close_up(&image, &task.camera, &record.region, &outlines).map_err(|error| wrong(&error))?;
     Ok(Picture { jpeg, captions: captions(record, of_object.diameter_m) })
 }
 

@@ -152,7 +152,11 @@ pub(super) fn table(rows: &[StudyRow]) -> String {
             row.object,
             row.references,
             row.mode,
-            row.draws,
+            if row.contradictory == 0 {
+                row.draws.to_string()
+            } else {
+                format!("{} ({} contradict)", row.draws, row.contradictory)
+            },
             share(&row.add),
             share(&row.deg5_cm5),
             row.median_rotation_deg.mean,

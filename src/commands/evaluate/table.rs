@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::evaluation::{Detections, Interval, Report, Section};
+use crate::evaluation::{Boxes, Detections, Interval, Report, Section};
 
 /// All tables, those of each split below its name.
 pub(super) fn tables(report: &Report) -> String {
@@ -10,7 +10,11 @@ pub(super) fn tables(report: &Report) -> String {
     for sections in report.sections.chunk_by(|a, b| a.split == b.split) {
         let split = &sections[0].split;
         // Writing into a string cannot fail.
-        let _ = writeln!(text, "{split}\n\n{}\n{}", accuracy(sections), trust(sections));
+        let _ = writeln!(text, "{split}\n\n{}", accuracy(sections));
+        // Files of results state no trust.
+        if report.boxes != Boxes::File {
+            let _ = writeln!(text, "{}", trust(sections));
+        }
         let detections: Vec<_> = report.detection.iter().filter(|one| one.split == *split).collect();
         if !detections.is_empty() {
             let _ = writeln!(text, "{}", detection(&detections));

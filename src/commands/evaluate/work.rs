@@ -4,7 +4,7 @@ use super::answers::{Answerer, Said};
 use super::plan::{Instance, Task, visible_fraction};
 use crate::evaluation::{
     Answer, BoxResult, Deviation, FoundBox, Matching, ModelPoints, Place, PoseNees, PoseResult, Record, Scored,
-    TrueBox, assign,
+    TrueBox, Unmatched, assign,
 };
 
 /// Intersection over union with the true box from which on a detection is of this object.
@@ -15,7 +15,7 @@ pub(super) struct ImageResult {
     /// Place of the object among the evaluated ones.
     pub(super) records: Vec<(usize, Record)>,
     /// Answers that mean none of the instances in the image.
-    pub(super) unmatched: Vec<(usize, Answer)>,
+    pub(super) unmatched: Vec<(usize, Unmatched)>,
     /// Of each object, if there was a detector.
     pub(super) matchings: Vec<Matching>,
     pub(super) poses: Vec<PoseResult>,
@@ -43,9 +43,11 @@ pub(super) fn score(known: &[Known], answerer: &mut Answerer<'_>, task: &Task) -
     let Said { mut of_instances, anywhere, width_px, .. } = said;
     of_instances.resize(task.instances.len(), None);
     for ((object, answer), instance) in anywhere.into_iter().zip(meant) {
-        match instance {
-            Some(instance) => of_instances[instance] = Some(answer),
-            None => result.unmatched.push((object, answer)),
+        if let Some(instance) = instance {
+            of_instances[instance] = Some(answer);
+        } else {
+            let (scene, image_id) = (task.scene.clone(), task.image_id);
+            result.unmatched.push((object, Unmatched { scene, image_id, answer }));
         }
     }
     for (instance, answer) in task.instances.iter().zip(of_instances).filter(|(instance, _)| instance.counts) {
@@ -106,13 +108,30 @@ fn by_box(objects: usize, task: &Task, said: &Said) -> (Vec<Matching>, Vec<Optio
 }
 
 /// The instance that each answer of a file of results means, which has no boxes: the one that it is nearest to.
+///
+/// Of each object as many poses as there are instances, the surest ones: more are not asked for (BOP's task of localisation).
 fn by_pose(known: &[Known], task: &Task, said: &Said) -> Vec<Option<usize>> {
-    assign(said.anywhere.len(), task.instances.len(), |answer, instance| {
-        let (object, answer) = &said.anywhere[answer];
+    let mut left: Vec<usize> = (0..known.len()).map(|object| instances_of(task, object)).collect();
+    let asked_for: Vec<bool> = said
+        .anywhere
+        .iter()
+        .map(|(object, _)| {
+            let asked_for = left[*object] > 0;
+            left[*object] = left[*object].saturating_sub(1);
+            asked_for
+        })
+        .collect();
+    assign(said.anywhere.len(), task.instances.len(), |place, instance| {
+        let (object, answer) = &said.anywhere[place];
         let instance = &task.instances[instance];
         let near = |deviation: Deviation| deviation.add_m;
-        deviation(known, task, instance, answer).filter(|_| instance.object == *object).map(near)
+        let meant = asked_for[place] && instance.object == *object;
+        deviation(known, task, instance, answer).filter(|_| meant).map(near)
     })
+}
+
+fn instances_of(task: &Task, object: usize) -> usize {
+    task.instances.iter().filter(|instance| instance.object == object).count()
 }
 
 /// The image's lines in files of results. A scene without a number has none there.

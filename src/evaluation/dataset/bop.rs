@@ -89,7 +89,7 @@ impl Reader {
                 let camera_from_object = pose.pose(place).map_err(in_poses)?;
                 let stated = info.bbox_visib.as_deref();
                 let bounding_box = pose.bounding_box("bbox_visib", stated, place).map_err(in_infos)?;
-                let visible_fraction = info.visib_fract;
+                let visible_fraction = pose.visible_fraction(info.visib_fract, place).map_err(in_infos)?;
                 Ok(GroundTruth { obj_id: pose.obj_id, place, camera_from_object, bounding_box, visible_fraction })
             };
             Annotation { obj_id: pose.obj_id, truth: truth() }

@@ -124,6 +124,16 @@ impl PoseEntry {
         Ok((width > 0.0 && height > 0.0).then(|| stated.into()))
     }
 
+    /// A fraction, if one is stated.
+    pub(super) fn visible_fraction(&self, stated: Option<f64>, place: usize) -> Result<Option<f64>, ImageProblem> {
+        match stated {
+            Some(value) if !(0.0..=1.0).contains(&value) => {
+                Err(self.field("visib_fract", place, format!("is {value}; it must be between 0 and 1")))
+            }
+            stated => Ok(stated),
+        }
+    }
+
     fn numbers<const N: usize>(
         &self,
         field: &'static str,

@@ -64,7 +64,9 @@ impl Scene {
         if images.is_empty() {
             return Err(DatasetError::Empty { path: path.into() });
         }
-        let id = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.parse().ok());
+        // A path like "." has no name of its own.
+        let absolute = path.canonicalize().unwrap_or_else(|_| path.into());
+        let id = absolute.file_name().and_then(|name| name.to_str()).and_then(|name| name.parse().ok());
         Ok(Self { path: path.into(), id, sensor: sensor.into(), images })
     }
 

@@ -125,7 +125,8 @@ impl Chart<'_> {
             let shown = series.points.iter().filter(|(x, y)| x.is_finite() && !y.is_nan());
             let points = shown.map(|(x, y)| (inside(*x, &self.x), inside(*y, &self.y)));
             let drawn = match series.kind {
-                Kind::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?,
+                // A single point has no line.
+                Kind::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2)).point_size(2))?,
                 Kind::Dots => chart.draw_series(points.map(|point| Circle::new(point, 2, colour.mix(0.6).filled())))?,
             };
             drawn

@@ -7,5 +7,5 @@ mod plots;
 mod references;
 
 pub use page::page;
-pub use picture::{Picture, Sheet, close_up};
+pub use picture::{Outline, Picture, Sheet, close_up};
 pub use references::{ReferencesCurve, Spread, references_plot};

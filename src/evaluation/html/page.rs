@@ -39,7 +39,7 @@ fn one_split(report: &Report, objects: &[ObjectRecords], sheets: &[Sheet]) -> Ma
     html! {
         h2 { code { (split) } }
         (accuracy(&sections))
-        (trust(&sections))
+        @if report.boxes != Boxes::File { (trust(&sections)) }
         @if !detections.is_empty() { (detection(&detections)) }
         div.plots { (PreEscaped(plots::accuracy(objects))) }
         @for object in objects { (one_object(report, object, sheets)) }
@@ -203,7 +203,7 @@ fn words() -> Markup {
             dt { "AR (no VSD)" } dd { "Average recall of the BOP benchmark over MSSD and MSPD; without VSD, which needs depth images." }
             dt { "NEES" } dd { "Squared error in units of the stated covariance. The mean of honest covariances is the number of degrees of freedom, 6." }
             dt { "Brier, ECE" } dd { "How far the confidence is from being the probability of a right answer; 0 is best." }
-            dt { "Pictures" } dd { "White: the true pose. Colour: the estimate (green ok, yellow ambiguous, orange low confidence, red rejected)." }
+            dt { "Pictures" } dd { "White box: the true pose. Coloured box and axes: the estimate (green ok, yellow ambiguous, orange low confidence, red rejected)." }
         }
     }
 }

@@ -1,11 +1,14 @@
-use image::RgbImage;
 use image::imageops::{self, FilterType};
+use image::{Rgb, RgbImage};
+use imageproc::drawing::draw_line_segment_mut;
+use nalgebra::{Vector2, Vector3};
 
-use crate::vision::{BoundingBox, Mark, draw_marks, encode};
-use posed_core::geometry::Camera;
+use crate::vision::{BoundingBox, encode};
+use posed_core::geometry::{Camera, Pose};
 
 /// Side of a picture of a contact sheet, pixels.
 const SIDE: u32 = 240;
+const AXIS_COLOURS: [[u8; 3]; 3] = [[230, 30, 30], [30, 190, 40], [40, 90, 255]];
 /// Of the larger side of the object's box.
 const MARGIN: f64 = 1.8;
 
@@ -25,7 +28,16 @@ pub struct Picture {
     pub captions: Vec<String>,
 }
 
-/// The part of an image about a box as a small JPEG file, with marks drawn in.
+/// A pose to draw: the box about the object, and the object's axes.
+pub struct Outline {
+    /// In the camera's frame, metres; bit k of the index is axis k.
+    pub corners: [Vector3<f64>; 8],
+    pub colour: [u8; 3],
+    /// `camera_from_object`, and how long to draw the axes, metres.
+    pub axes: Option<(Pose, f64)>,
+}
+
+/// The part of an image about a box as a small JPEG file, with poses drawn in: axes x red, y green, z blue.
 ///
 /// # Errors
 /// When the encoder fails.
@@ -33,16 +45,45 @@ pub fn close_up(
     image: &RgbImage,
     camera: &Camera,
     region: &BoundingBox,
-    marks: &[Mark],
+    outlines: &[Outline],
 ) -> Result<Vec<u8>, image::ImageError> {
-    let mut drawn = image.clone();
-    draw_marks(&mut drawn, camera, marks);
     let (left, top, side) = square(region, image.dimensions());
-    let cut = imageops::crop_imm(&drawn, left, top, side.0, side.1).to_image();
+    let cut = imageops::crop_imm(image, left, top, side.0, side.1).to_image();
     let longer = side.0.max(side.1);
     let small = |side: u32| (side * SIDE / longer).max(1);
-    let small = imageops::resize(&cut, small(side.0), small(side.1), FilterType::Triangle);
+    let mut small = imageops::resize(&cut, small(side.0), small(side.1), FilterType::CatmullRom);
+    let scale = f64::from(SIDE) / f64::from(longer);
+    let corner = Vector2::new(f64::from(left), f64::from(top));
+    // Centres of pixels are at integers, here and there.
+    let place = |point: &Vector3<f64>| {
+        let pixel = camera.project(point).ok()?;
+        Some(((pixel - corner).add_scalar(0.5) * scale).add_scalar(-0.5))
+    };
+    for outline in outlines {
+        for (index, from) in outline.corners.iter().enumerate() {
+            for to in (0..3).map(|axis| index | 1 << axis).filter(|to| *to != index) {
+                stroke(&mut small, place(from), place(&outline.corners[to]), outline.colour);
+            }
+        }
+        let Some((pose, length_m)) = &outline.axes else { continue };
+        for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {
+            let tip = pose.transform(&Vector3::ith(axis, *length_m));
+            stroke(&mut small, place(pose.translation()), place(&tip), colour);
+        }
+    }
     encode(&small, image::ImageFormat::Jpeg)
+}
+
+/// Two pixels wide.
+#[expect(clippy::cast_possible_truncation, reason = "the rasteriser takes f32")]
+fn stroke(image: &mut RgbImage, from: Option<Vector2<f64>>, to: Option<Vector2<f64>>, colour: [u8; 3]) {
+    // Far outside, the rasteriser would walk millions of invisible pixels.
+    let near = |point: &Vector2<f64>| point.amax() < 4.0 * f64::from(SIDE);
+    let (Some(from), Some(to)) = (from.filter(near), to.filter(near)) else { return };
+    for shift in [0.0, 1.0] {
+        let ends = [from, to].map(|point| (point.x as f32 + shift, point.y as f32));
+        draw_line_segment_mut(image, ends[0], ends[1], Rgb(colour));
+    }
 }
 
 /// Left, top, width and height of a square about a box, as far as it lies in the image.

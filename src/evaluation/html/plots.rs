@@ -21,7 +21,7 @@ pub(super) fn accuracy(objects: &[ObjectRecords]) -> String {
         Series::new(of.object.clone(), Kind::Line, (0..=STEPS).map(point).collect())
     };
     let chart = Chart {
-        title: "Accuracy by threshold",
+        title: "Accuracy by threshold, all ranges of visibility",
         x: Axis::new("ADD(-S), share of the diameter", 0.0..MOST_ADD),
         y: Axis::new("share of views", 0.0..1.0),
         series: objects.iter().map(curve).collect(),
@@ -108,7 +108,7 @@ pub(super) fn coverage(of: &ObjectRecords) -> String {
         Series::new(name, Kind::Line, points)
     });
     let chart = Chart {
-        title: "Are the covariances honest? (ok poses)",
+        title: "Are the covariances honest? (ok poses, all ranges)",
         x: Axis::new("share that the ellipsoid should hold", 0.0..1.0),
         y: Axis::new("share of errors within it", 0.0..1.0),
         series: series.into(),

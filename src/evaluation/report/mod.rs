@@ -1,5 +1,7 @@
 //! From records to a report: what people, scripts and pages are told.
 
+mod lines;
+mod objects;
 mod picks;
 mod section;
 mod seen;
@@ -8,9 +10,10 @@ mod verdicts;
 use posed_core::pnp::Status;
 use serde::Serialize;
 
-use super::metrics::{DetectionScore, Matching};
-use super::record::{Answer, Record};
+use super::metrics::DetectionScore;
 use super::visibility::VisibleRange;
+pub use lines::{FalseLine, ViewLine};
+pub use objects::ObjectRecords;
 pub use picks::{Picks, picks};
 pub use section::{Intervals, Section};
 use seen::Seen;
@@ -31,18 +34,6 @@ pub enum Boxes {
     File,
 }
 
-/// All that is known of one object in one split.
-pub struct ObjectRecords {
-    pub split: String,
-    pub object: String,
-    pub diameter_m: f64,
-    pub records: Vec<Record>,
-    /// Answers that mean none of the instances that are there.
-    pub unmatched: Vec<Answer>,
-    /// What the detector found in each image; empty without one.
-    pub matchings: Vec<Matching>,
-}
-
 /// Accuracy of objects on splits.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
@@ -53,6 +44,10 @@ pub struct Report {
     pub sections: Vec<Section>,
     /// For each split and object: where the detector looked.
     pub detection: Vec<Detections>,
+    /// Every view that was scored.
+    pub views: Vec<ViewLine>,
+    /// Every answer where there is no such object.
+    pub false_answers: Vec<FalseLine>,
 }
 
 /// What the detector found of one object, and what followed where there is none.
@@ -65,14 +60,6 @@ pub struct Detections {
     pub score: DetectionScore,
     /// Poses of false boxes that are `ok` nevertheless.
     pub false_ok: usize,
-}
-
-impl ObjectRecords {
-    fn seen(&self, range: &VisibleRange) -> impl Iterator<Item = Seen<'_>> {
-        let inside = |record: &&Record| range.contains(record.visible_fraction);
-        let seen = |record| Seen { record, view: Record::view(record, self.diameter_m) };
-        self.records.iter().filter(inside).map(seen)
-    }
 }
 
 impl Report {
@@ -94,12 +81,17 @@ impl Report {
             split: of.split.clone(),
             object: of.object.clone(),
             score: of.matchings.iter().sum(),
-            false_ok: of.unmatched.iter().filter(|answer| answer.status == Status::Ok).count(),
+            false_ok: of.unmatched.iter().filter(|one| one.answer.status == Status::Ok).count(),
         };
         Self {
             version: env!("CARGO_PKG_VERSION"),
             boxes,
             sections: sections.collect(),
+            views: objects.iter().flat_map(|of| of.records.iter().map(|record| ViewLine::new(of, record))).collect(),
+            false_answers: objects
+                .iter()
+                .flat_map(|of| of.unmatched.iter().map(|one| FalseLine::new(of, one)))
+                .collect(),
             detection: objects.iter().filter(|_| has_detector).map(detections).collect(),
         }
     }

@@ -73,7 +73,8 @@ fn trust(seen: &[Seen<'_>]) -> Option<Trust> {
         let said = one.record.said.as_ref()?;
         Some(Claim { confidence: said.answer.confidence, right: one.view.is_right() })
     };
-    Trust::of(&seen.iter().filter_map(claim).collect::<Vec<_>>())
+    // Scores that are no probabilities say nothing of those that could be.
+    Trust::of(&seen.iter().filter_map(claim).collect::<Vec<_>>()).filter(|trust| trust.unusable == 0)
 }
 
 impl Intervals {
@@ -89,14 +90,27 @@ impl Intervals {
             let wrong = ok.iter().filter(|one| !one.view.is_right()).count();
             (!ok.is_empty()).then(|| wrong as f64 / ok.len() as f64)
         };
+        let share = |interval: Option<Interval>| interval.map(|interval| widened(interval, images.len()));
         Self {
-            add: recall(&|recall| Some(recall.add)),
-            proj5: recall(&|recall| Some(recall.proj5)),
-            deg5_cm5: recall(&|recall| recall.within(5, 5)),
+            add: share(recall(&|recall| Some(recall.add))),
+            proj5: share(recall(&|recall| Some(recall.proj5))),
+            deg5_cm5: share(recall(&|recall| recall.within(5, 5))),
             ar_without_vsd: recall(&|recall| Some(recall.ar_without_vsd)),
-            ok_wrong: of(&ok_wrong),
+            ok_wrong: share(of(&ok_wrong)),
             median_rotation_deg: recall(&|recall| Some(recall.median_rotation_deg)),
             median_translation_m: recall(&|recall| Some(recall.median_translation_m)),
         }
+    }
+}
+
+/// Where all views are alike, so is every draw, however few they are. Then Wilson's interval of so many images (Journal of the American
+/// Statistical Association, 1927) says what they leave open.
+fn widened(interval: Interval, images: usize) -> Interval {
+    const SQUARED_QUANTILE: f64 = 3.841;
+    let n = images as f64;
+    match interval {
+        Interval { low, .. } if low >= 1.0 => Interval { low: n / (n + SQUARED_QUANTILE), high: 1.0 },
+        Interval { high, .. } if high <= 0.0 => Interval { low: 0.0, high: SQUARED_QUANTILE / (n + SQUARED_QUANTILE) },
+        other => other,
     }
 }

@@ -4,6 +4,7 @@ mod photos;
 mod report;
 
 use std::error::Error;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -93,9 +94,14 @@ impl StillScenes<'_> {
         }
         let report = Report::new(self.split, bounds, objects, problems.all());
         self.output.write_json(&report)?;
-        report.print();
         problems.report();
-        Ok(())
+        std::io::stdout().write_all(report.text().as_bytes())?;
+        if report.compares() {
+            return Ok(());
+        }
+        Err("no pose could be compared with another: at least two images must show the object, and their camera poses must be w2c \
+             (world to camera)"
+            .into())
     }
 
     /// All poses of the wanted objects in one photo, in the world's frame, with the places of their objects.

@@ -80,25 +80,31 @@ impl<'a> Report<'a> {
         Self { split: split.display().to_string(), bounds, blind_spots: BLIND_SPOTS, objects, skipped }
     }
 
-    pub(super) fn print(&self) {
+    /// What is printed.
+    pub(super) fn text(&self) -> String {
+        let mut lines = Vec::new();
         let Bounds { translation_of_diameter, rotation_deg, flip_deg } = self.bounds;
-        println!("{}: each ok answer against the other views of its object", self.split);
-        println!(
+        lines.push(format!("{}: each ok answer against the other views of its object", self.split));
+        lines.push(format!(
             "disagree: by more than {:.0} % of the diameter or {rotation_deg:.0} degrees; flipped: by {flip_deg:.0} degrees or \
              more; true covariances have NEES 5.3 and 95 %\n",
             100.0 * translation_of_diameter
-        );
-        println!("| {} |", HEAD.join(" | "));
-        println!("|{}", "---|".repeat(HEAD.len()));
-        for object in &self.objects {
-            println!("{}", object.row());
-        }
-        println!();
+        ));
+        lines.push(format!("| {} |", HEAD.join(" | ")));
+        lines.push(format!("|{}", "---|".repeat(HEAD.len())));
+        lines.extend(self.objects.iter().map(ObjectReport::row));
+        lines.push(String::new());
         for object in &self.objects {
             for warning in &object.warnings {
-                println!("{}: {warning}", object.object);
+                lines.push(format!("{}: {warning}", object.object));
             }
         }
-        println!("{BLIND_SPOTS}");
+        lines.push(format!("{BLIND_SPOTS}\n"));
+        lines.join("\n")
+    }
+
+    /// Whether any pose could be compared with another.
+    pub(super) fn compares(&self) -> bool {
+        self.objects.iter().any(|object| object.totals.spread_of_all.is_some())
     }
 }
