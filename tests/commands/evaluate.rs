@@ -173,7 +173,9 @@ fn truth_as_the_estimate_scores_full_marks_and_an_error_is_measured() {
         assert!(recall["degrees_centimetres"].as_array().unwrap().iter().all(|one| one["share"] == 1.0));
         assert!(recall["median_add_m"].as_f64().unwrap() < 1e-9);
         assert_eq!(section["verdicts"]["ok_wrong"], 0);
-        assert_eq!(section["intervals"]["add"]["low"], 1.0);
+        // Three views say no more than that.
+        let low = section["intervals"]["add"]["low"].as_f64().unwrap();
+        assert!(low > 0.4 && low < 0.9, "{low}");
     }
     for section in score(60.0) {
         let recall = &section["recall"];

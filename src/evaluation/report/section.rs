@@ -84,19 +84,20 @@ impl Intervals {
         let recall = |figure: &dyn Fn(&Recall) -> Option<f64>| {
             of(&|seen| figure(&Recall::of(&seen.iter().map(|one| one.view).collect::<Vec<_>>())?))
         };
-        let ok_wrong = |seen: &[Seen<'_>]| {
-            let is_ok = |one: &&Seen<'_>| one.record.said.as_ref().is_some_and(|said| said.answer.status == Status::Ok);
-            let ok: Vec<_> = seen.iter().filter(is_ok).collect();
-            let wrong = ok.iter().filter(|one| !one.view.is_right()).count();
-            (!ok.is_empty()).then(|| wrong as f64 / ok.len() as f64)
-        };
+        let is_ok = |one: &Seen<'_>| one.record.said.as_ref().is_some_and(|said| said.answer.status == Status::Ok);
+        let ok: Vec<Vec<_>> =
+            images.iter().map(|seen| seen.iter().filter(|one| is_ok(one)).copied().collect()).collect();
+        let ok: Vec<Vec<_>> = ok.into_iter().filter(|seen| !seen.is_empty()).collect();
+        let wrong =
+            |seen: &[Seen<'_>]| Some(seen.iter().filter(|one| !one.view.is_right()).count() as f64 / seen.len() as f64);
         let share = |interval: Option<Interval>| interval.map(|interval| widened(interval, images.len()));
+        let ok_wrong = bootstrap.interval(&ok, wrong).map(|interval| widened(interval, ok.len()));
         Self {
             add: share(recall(&|recall| Some(recall.add))),
             proj5: share(recall(&|recall| Some(recall.proj5))),
             deg5_cm5: share(recall(&|recall| recall.within(5, 5))),
             ar_without_vsd: recall(&|recall| Some(recall.ar_without_vsd)),
-            ok_wrong: share(of(&ok_wrong)),
+            ok_wrong,
             median_rotation_deg: recall(&|recall| Some(recall.median_rotation_deg)),
             median_translation_m: recall(&|recall| Some(recall.median_translation_m)),
         }
