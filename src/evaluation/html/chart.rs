@@ -9,6 +9,8 @@ use plotters::style::{Color as _, RGBColor, WHITE};
 
 use std::ops::Range;
 
+/// Lines of more points have none drawn.
+const MOST_DOTS: usize = 12;
 /// Width and height, pixels of the page.
 const SIZE: (u32, u32) = (460, 320);
 const PALETTE: [RGBColor; 6] = [
@@ -125,8 +127,11 @@ impl Chart<'_> {
             let shown = series.points.iter().filter(|(x, y)| x.is_finite() && !y.is_nan());
             let points = shown.map(|(x, y)| (inside(*x, &self.x), inside(*y, &self.y)));
             let drawn = match series.kind {
-                // A single point has no line.
-                Kind::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2)).point_size(2))?,
+                Kind::Line => {
+                    // A single point has no line; of many, dots hide it.
+                    let dots = if series.points.len() <= MOST_DOTS { 2 } else { 0 };
+                    chart.draw_series(LineSeries::new(points, colour.stroke_width(2)).point_size(dots))?
+                }
                 Kind::Dots => chart.draw_series(points.map(|point| Circle::new(point, 2, colour.mix(0.6).filled())))?,
             };
             drawn
