@@ -1,4 +1,4 @@
-"""Makes half-hidden views of whole ones: two for each, cut off where a side of the photo moves across the object.
+"""Makes half-hidden views of whole ones: two of most, cut off where a side of the photo moves across the object.
 
 Data sets show few objects so; figures on a dozen views say little.
 """
@@ -18,6 +18,8 @@ KEPT = 0.35, 0.65
 """Share of the object's pixels."""
 LEAST_VISIBLE = 0.85
 """Of views to cut: less is hidden already."""
+LEAST_SIDE_PX = 16
+"""The service takes no smaller images: an object at the border may leave a strip."""
 
 
 def cut_off(split: Path, out: Path, obj_ids: list[int]) -> int:
@@ -45,7 +47,9 @@ def cuts(views: list[View]) -> Iterator[tuple[View, np.ndarray]]:
     for view in tqdm(views, unit="view"):
         image, mask = read_rgb(view.image_path), read_mask(view) > 0
         for _ in range(CUTS_PER_VIEW):
-            yield cut(view, image, mask, int(rng.integers(4)), rng.uniform(*KEPT))
+            part = cut(view, image, mask, int(rng.integers(4)), rng.uniform(*KEPT))
+            if min(part[1].shape[:2]) >= LEAST_SIDE_PX:
+                yield part
 
 
 def cut(view: View, image: np.ndarray, mask: np.ndarray, side: int, kept: float) -> tuple[View, np.ndarray]:

@@ -30,6 +30,15 @@ def test_a_cut_view_shows_part_of_the_whole_one_where_it_was(rendered: Path, tmp
         assert 0 in (x, y) or x + w == seen.shape[1] or y + h == seen.shape[0]
 
 
+def test_strips_that_are_no_images_are_left_out(rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    split = rendered / "train"
+    every = cut_off.cut_off(split, tmp_path / "every", [1])
+    sides = sorted(min(bop.read_rgb(view.image_path).shape[:2]) for view in bop.read_views(tmp_path / "every", 1, 0, 1))
+    least = sides[len(sides) // 2] + 1
+    monkeypatch.setattr(cut_off, "LEAST_SIDE_PX", least)
+    assert cut_off.cut_off(split, tmp_path / "wide", [1]) == sum(side >= least for side in sides) < every
+
+
 def test_what_cannot_be_cut_is_refused(rendered: Path, tmp_path: Path):
     with pytest.raises(OSError, match="exists already"):
         cut_off.cut_off(rendered / "train", tmp_path, [1])
