@@ -1,12 +1,10 @@
 //! From keypoints to a pose that a robot can trust, or a reason why not.
 
-use nalgebra::Vector3;
-
 use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
-use crate::model::{KeypointManifest, ObjectModel};
-use crate::vision::BoundingBox;
+use crate::model::ObjectModel;
+use crate::vision::{BoundingBox, box_corners};
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
 use posed_core::pnp::{self, Solution, Status};
@@ -94,16 +92,8 @@ fn solved_pose(
             .collect(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
-        box_in_camera: corners(&model.manifest).map(|corner| solution.pose.transform(&corner)),
+        box_in_camera: box_corners(&model.manifest.keypoints()).map(|corner| solution.pose.transform(&corner)),
     }
-}
-
-/// Corners of the box that the virtual keypoints span; bit k of the index is axis k.
-fn corners(manifest: &KeypointManifest) -> [Vector3<f64>; 8] {
-    let points = manifest.keypoints();
-    let low = points.iter().fold(points[0], |low, point| low.inf(point));
-    let high = points.iter().fold(points[0], |high, point| high.sup(point));
-    std::array::from_fn(|index| Vector3::from_fn(|axis, _| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }))
 }
 
 /// Whether the keypoints' centre lies in the detector's box and the object is as large as the box shows.

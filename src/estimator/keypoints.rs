@@ -300,6 +300,20 @@ pub(super) fn solve(
     pnp::solve(&manifest.keypoints(), &prediction.pixels, &prediction.covariances, camera, options)
 }
 
+/// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
+pub(super) fn solve_within(
+    manifest: &KeypointManifest,
+    network: &mut dyn Network,
+    resizer: &mut Resizer,
+    image: &RgbImage,
+    region: &BoundingBox,
+    camera: &Camera,
+) -> Result<Result<Solution, PnpError>, EstimateError> {
+    let camera = camera.for_image(image.width(), image.height())?;
+    let found = locate_within(manifest, network, resizer, image, region)?;
+    Ok(solve(manifest, &found, &camera, &pnp::Options::default()))
+}
+
 /// The keypoints within one box of an image.
 pub(super) fn locate_within(
     manifest: &KeypointManifest,

@@ -1,7 +1,7 @@
 use image::RgbImage;
 
 use super::answer::{Estimate, ObjectPose};
-use crate::vision::{Mark, PoseMark, draw_marks};
+use crate::vision::{Mark, PoseMark, draw_marks, status_colour};
 use posed_core::pnp::Status;
 
 impl Estimate {
@@ -13,12 +13,13 @@ impl Estimate {
 }
 
 fn mark(found: &ObjectPose) -> Mark {
-    let (colour, suffix) = match found.verdict.status {
-        Status::Ok => ([60, 220, 90], ""),
-        Status::Ambiguous => ([250, 200, 40], " ambiguous"),
-        Status::LowConfidence => ([250, 130, 30], " low"),
-        Status::Rejected => ([230, 40, 40], " rejected"),
+    let suffix = match found.verdict.status {
+        Status::Ok => "",
+        Status::Ambiguous => " ambiguous",
+        Status::LowConfidence => " low",
+        Status::Rejected => " rejected",
     };
+    let colour = status_colour(found.verdict.status);
     let pose = found.pose.as_ref().map(|solved| PoseMark {
         camera_from_object: solved.camera_from_object,
         axis_length_m: 0.5 * found.diameter_m,

@@ -12,7 +12,7 @@ use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeE
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
-use posed_core::pnp::{self, Solution};
+use posed_core::pnp::Solution;
 
 /// One image to estimate poses from.
 pub struct Frame<'a> {
@@ -115,10 +115,9 @@ impl Estimator {
         };
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
-        let camera = camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
-        let manifest = &model.manifest;
-        let found = keypoints::locate_within(manifest, network.as_mut(), &mut self.resizer, image, &region)?;
-        Ok((region, keypoints::solve(manifest, &found, &camera, &pnp::Options::default())?))
+        let solved =
+            keypoints::solve_within(&model.manifest, network.as_mut(), &mut self.resizer, image, &region, camera)?;
+        Ok((region, solved?))
     }
 
     /// Runs every network once: the first run of a session allocates, and a network that cannot run is found before

@@ -1,5 +1,6 @@
 //! Datasets of the field: ground truth in, accuracy out. And of a still scene without ground truth, how far its views agree.
 
+mod across;
 pub mod agreement;
 mod assign;
 mod dataset;
@@ -25,7 +26,7 @@ pub use metrics::{
     Interval, Matching, ModelPoints, ModelPointsError, Nees, PoseNees, Recall, ReliabilityBin, RiskPoint, ScoredView,
     TrueBox, Trust,
 };
-pub use record::{Answer, DetectedBox, Place, Record, Scored, Unmatched, box_corners};
+pub use record::{Answer, DetectedBox, Place, Record, Scored, Unmatched};
 pub use report::{
     Boxes, Counted, Detections, FalseLine, Intervals, ObjectRecords, Picks, Report, Section, Verdicts, ViewLine, picks,
 };

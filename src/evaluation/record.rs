@@ -1,4 +1,3 @@
-use nalgebra::Vector3;
 use posed_core::geometry::{Covariance6, Pose};
 use posed_core::pnp::Status;
 use serde::Serialize;
@@ -79,17 +78,14 @@ impl Record {
         ScoredView { deviation: self.deviation(), diameter_m, image_width_px: self.image_width_px }
     }
 
+    /// Whether there is an answer with status `ok`.
+    #[must_use]
+    pub fn is_ok(&self) -> bool {
+        self.said.as_ref().is_some_and(|said| said.answer.status == Status::Ok)
+    }
+
     #[must_use]
     pub fn deviation(&self) -> Option<Deviation> {
         self.said.as_ref().and_then(|said| said.deviation)
     }
-}
-
-/// The corners of the box about vertices, in their frame; bit k of the index is axis k.
-#[must_use]
-pub fn box_corners(vertices: &[Vector3<f64>]) -> [Vector3<f64>; 8] {
-    let first = vertices.first().copied().unwrap_or_default();
-    let low = vertices.iter().fold(first, |low, vertex| low.inf(vertex));
-    let high = vertices.iter().fold(first, |high, vertex| high.sup(vertex));
-    std::array::from_fn(|index| Vector3::from_fn(|axis, _| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }))
 }

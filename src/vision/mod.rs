@@ -21,7 +21,7 @@ pub use error::DecodeError;
 pub use header::{Header, header};
 pub use heatmap::{Peak, find_peak};
 pub use options::{DecodeOptions, OrientationPolicy};
-pub use overlay::{Mark, PoseMark, draw_marks, encode};
+pub use overlay::{AXIS_COLOURS, Mark, PoseMark, box_corners, box_edges, draw_marks, encode, status_colour};
 pub use raw::{RawEncoding, RawError, RawImage, RawLayout};
 pub use region::{BoundingBox, Square};
 pub use resample::{Letterbox, ResampleError, Resampled, letterbox};

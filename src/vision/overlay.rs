@@ -8,6 +8,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::region::BoundingBox;
 use posed_core::geometry::{Camera, Pose};
+use posed_core::pnp::Status;
 
 /// One pose to draw.
 #[derive(Clone, Debug)]
@@ -28,7 +29,8 @@ pub struct PoseMark {
     pub corners: [Vector3<f64>; 8],
 }
 
-const AXIS_COLOURS: [[u8; 3]; 3] = [[230, 30, 30], [30, 190, 40], [40, 90, 255]];
+/// Of x, y and z.
+pub const AXIS_COLOURS: [[u8; 3]; 3] = [[230, 30, 30], [30, 190, 40], [40, 90, 255]];
 /// Offsets of the thin lines that make up a thick stroke, pixels.
 const THICK: &[f32] = &[-1.0, 0.0, 1.0];
 const THIN: &[f32] = &[0.0];
@@ -52,14 +54,38 @@ pub fn draw_marks(image: &mut RgbImage, camera: &Camera, marks: &[Mark]) {
     }
 }
 
+/// The colour that stands for a status.
+#[must_use]
+pub fn status_colour(status: Status) -> [u8; 3] {
+    match status {
+        Status::Ok => [60, 220, 90],
+        Status::Ambiguous => [250, 200, 40],
+        Status::LowConfidence => [250, 130, 30],
+        Status::Rejected => [230, 40, 40],
+    }
+}
+
+/// Corners of the box about points, along their axes; bit k of the index is axis k.
+#[must_use]
+pub fn box_corners(points: &[Vector3<f64>]) -> [Vector3<f64>; 8] {
+    let first = points.first().copied().unwrap_or_default();
+    let low = points.iter().fold(first, |low, point| low.inf(point));
+    let high = points.iter().fold(first, |high, point| high.sup(point));
+    std::array::from_fn(|index| Vector3::from_fn(|axis, _| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }))
+}
+
+/// Pairs of such corners with an edge between them.
+pub fn box_edges() -> impl Iterator<Item = (usize, usize)> {
+    let edges = |from: usize| (0..3).map(move |axis| (from, from | 1 << axis));
+    (0..8).flat_map(edges).filter(|(from, to)| from != to)
+}
+
 fn draw_pose(image: &mut RgbImage, camera: &Camera, pose: &PoseMark, colour: [u8; 3]) {
     let pixel = |point: &Vector3<f64>| camera.project(point).ok();
     let corners = pose.corners.each_ref().map(pixel);
-    for (index, from) in corners.iter().enumerate() {
-        for to in (0..3).map(|axis| index | 1 << axis).filter(|to| *to != index) {
-            if let (Some(from), Some(to)) = (from, corners[to]) {
-                draw_stroke(image, *from, to, colour, THIN);
-            }
+    for (from, to) in box_edges() {
+        if let (Some(from), Some(to)) = (corners[from], corners[to]) {
+            draw_stroke(image, from, to, colour, THIN);
         }
     }
     let Some(origin) = pixel(pose.camera_from_object.translation()) else { return };

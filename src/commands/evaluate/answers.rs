@@ -1,6 +1,6 @@
 //! Where the answers come from that are scored: networks, or a file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -35,7 +35,6 @@ pub(super) struct FileAnswers {
 }
 
 /// A line of a file of results.
-#[derive(Clone)]
 pub(super) struct FileAnswer {
     object: usize,
     answer: Answer,
@@ -50,7 +49,6 @@ pub(super) enum Answerer<'a> {
 }
 
 /// What was said of one image.
-#[derive(Default)]
 pub(super) struct Said {
     /// One for each instance that counts, in their order; empty where it is not known which instance an answer means.
     pub(super) of_instances: Vec<Option<Answer>>,
@@ -65,15 +63,20 @@ pub(super) struct Said {
 }
 
 impl FileAnswers {
-    /// How many lines there are of each image.
-    pub(super) fn iter(&self) -> impl Iterator<Item = (&(u32, u32), &[FileAnswer])> {
-        self.by_image.iter().map(|(image, lines)| (image, lines.as_slice()))
+    /// How many lines are of images that were scored, and how many are not, or are of other objects.
+    pub(super) fn used(&self, scored: &BTreeSet<(u32, u32)>) -> (usize, usize) {
+        let lines = |used: bool| -> usize {
+            let images = self.by_image.iter().filter(|(image, _)| scored.contains(image) == used);
+            images.map(|(_, lines)| lines.len()).sum()
+        };
+        (lines(true), lines(false) + self.others)
     }
+}
 
-    /// Lines of objects that are not evaluated.
-    pub(super) fn others(&self) -> usize {
-        self.others
-    }
+/// A network for each object.
+pub(super) fn solvers<'a>(objects: &'a [Object], runtime: &Runtime) -> Result<Vec<KeypointSolver<'a>>, String> {
+    let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
+    solvers.collect::<Result<_, _>>().map_err(|error| error.to_string())
 }
 
 impl Source {
@@ -102,11 +105,7 @@ impl Source {
 
     pub(super) fn answerer(&self) -> Result<Answerer<'_>, String> {
         match self {
-            Self::Boxes(objects, runtime) => {
-                let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
-                let solvers = solvers.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
-                Ok(Answerer::Boxes(objects, solvers))
-            }
+            Self::Boxes(objects, runtime) => Ok(Answerer::Boxes(objects, solvers(objects, runtime)?)),
             Self::Pipeline(names, runtime, library, references) => {
                 let estimator = Estimator::new(Arc::clone(library), Arc::clone(references), runtime);
                 Ok(Answerer::Pipeline(names, Box::new(estimator.map_err(|error| error.to_string())?)))

@@ -71,16 +71,7 @@ impl Evaluate {
         let [split] = &self.asked.splits.splits[..] else {
             return Err("--without-truth takes one --split; its scenes may be many".into());
         };
-        let still = StillScenes {
-            objects: &self.asked.objects,
-            split,
-            options: self.asked.dataset.options()?,
-            models: &self.asked.models,
-            jobs: usize::from(self.asked.work.jobs),
-            keep_going: self.asked.work.keep_going,
-            output: &self.output,
-        };
-        still.run()
+        StillScenes { asked: &self.asked, split, output: &self.output }.run()
     }
 }
 

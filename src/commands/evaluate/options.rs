@@ -86,7 +86,7 @@ impl Asked {
     }
 }
 
-fn first_twice<T: Clone + PartialEq>(all: &[T]) -> Option<T> {
+pub(super) fn first_twice<T: Clone + PartialEq>(all: &[T]) -> Option<T> {
     (1..all.len()).find(|place| all[..*place].contains(&all[*place])).map(|place| all[place].clone())
 }
 

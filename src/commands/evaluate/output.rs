@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::options::OutputArgs;
+use super::options::{OutputArgs, first_twice};
 use crate::evaluation::{BoxResult, PoseResult, results_name, write_boxes, write_poses};
 use crate::model::write_atomically;
 
@@ -21,14 +21,12 @@ impl OutputArgs {
     /// In words that name the file.
     pub(super) fn check(&self, splits: &[PathBuf]) -> Result<(), String> {
         let names: Vec<_> = splits.iter().map(|split| results_name(&self.method, split)).collect();
-        let same = (1..names.len()).find(|place| names[..*place].contains(&names[*place]));
-        if let Some(place) = same.filter(|_| self.bop.is_some()) {
-            let name = &names[place];
+        if let Some(name) = first_twice(&names).filter(|_| self.bop.is_some()) {
             return Err(format!("--bop: several splits would be written to {name}.csv; evaluate them one by one"));
         }
         let paths: Vec<_> = [&self.json, &self.html, &self.plot].into_iter().flatten().collect();
-        if let Some(twice) = (1..paths.len()).find(|place| paths[..*place].contains(&paths[*place])) {
-            return Err(format!("{} is to be written twice", paths[twice].display()));
+        if let Some(twice) = first_twice(&paths) {
+            return Err(format!("{} is to be written twice", twice.display()));
         }
         for path in paths {
             if path.is_dir() {

@@ -1,3 +1,5 @@
+use super::options::WorkArgs;
+
 /// So many are told one by one.
 const MAX_TOLD: usize = 20;
 
@@ -18,10 +20,16 @@ impl Problems {
         &self.all
     }
 
-    /// An error that lists them.
-    pub(super) fn none_or_error(&self) -> Result<(), String> {
+    /// Keeps what went wrong, and returns the rest.
+    pub(super) fn taken_from<R>(&mut self, results: impl IntoIterator<Item = Result<R, String>>) -> Vec<R> {
+        results.into_iter().filter_map(|result| result.map_err(|reason| self.push(reason)).ok()).collect()
+    }
+
+    /// An error that lists them, unless they are to be skipped.
+    pub(super) fn settle(&self, work: &WorkArgs) -> Result<(), String> {
         match &self.all[..] {
             [] => Ok(()),
+            _ if work.keep_going => Ok(()),
             [only] => Err(format!("{only} (use --keep-going to skip it)")),
             _ => Err(format!("{} problems (use --keep-going to skip them)\n{}", self.all.len(), self.told())),
         }

@@ -2,9 +2,7 @@ use std::collections::BTreeSet;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use indicatif::ProgressBar;
-
-use super::answers::{Object, Source};
+use super::answers::{Object, Source, solvers};
 use super::options::Asked;
 use super::output::Written;
 use super::plan::{Plan, Selection, Task};
@@ -12,9 +10,9 @@ use super::pool::in_parallel;
 use super::problems::Problems;
 use super::study::{self, SolvedView, StudyRow};
 use super::work::{ImageResult, Known, score};
-use crate::estimator::KeypointSolver;
-use crate::evaluation::{Boxes, ModelPoints, ObjectMesh, ObjectRecords, Targets, box_corners, read_poses};
+use crate::evaluation::{Boxes, ModelPoints, ObjectMesh, ObjectRecords, Targets, read_poses};
 use crate::model::{ObjectModel, References};
+use crate::vision::box_corners;
 use posed_core::calibration::Offset;
 
 /// Everything that is loaded before the first image.
@@ -51,16 +49,16 @@ impl<'a> Scoring<'a> {
     pub(super) fn score(&self, split: &Path) -> Result<ScoredSplit, Box<dyn Error>> {
         let Plan { tasks, mut problems } = self.plan(split)?;
         let answerer = || self.source.answerer();
-        let results = self.work(split, &tasks, answerer, |answerer, task| score(&self.known, answerer, task))?;
+        let work = &self.asked.work;
+        let results = in_parallel(&tasks, work, split.display().to_string(), answerer, |answerer, task| {
+            score(&self.known, answerer, task)
+        })?;
         let mut objects: Vec<_> = (0..self.known.len()).map(|object| self.no_records(object, split)).collect();
         let mut written = Written::default();
-        for result in results {
-            match result {
-                Ok(result) => add(&mut objects, &mut written, result),
-                Err(reason) => problems.push(reason),
-            }
+        for result in problems.taken_from(results) {
+            add(&mut objects, &mut written, result);
         }
-        self.settle(&problems)?;
+        problems.settle(work)?;
         Ok(ScoredSplit { path: split.into(), tasks, objects, written, problems })
     }
 
@@ -75,7 +73,7 @@ impl<'a> Scoring<'a> {
             whole: asked.splits.splits.len() == 1,
         };
         let plan = Plan::of(split, &asked.dataset.options()?, &selection)?;
-        self.settle(&plan.problems)?;
+        plan.problems.settle(&asked.work)?;
         let by_number = asked.splits.estimates.is_some() || self.writes_results;
         if let Some(task) = plan.tasks.iter().find(|task| by_number && task.scene_id.is_none()) {
             let (split, scene) = (split.display(), &task.scene);
@@ -100,21 +98,14 @@ impl<'a> Scoring<'a> {
     /// Accuracy against the number of references.
     pub(super) fn study(&self, references: &Path) -> Result<Vec<StudyRow>, Box<dyn Error>> {
         let Source::Boxes(objects, runtime) = &self.source else { return Err("the study needs true boxes".into()) };
+        let work = &self.asked.work;
         let solve = |split: &Path| -> Result<Vec<SolvedView>, Box<dyn Error>> {
             let Plan { tasks, mut problems } = self.plan(split)?;
-            let solvers = || {
-                let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
-                solvers.collect::<Result<Vec<_>, _>>().map_err(|error| error.to_string())
-            };
-            let solved = self.work(split, &tasks, solvers, |solvers, task| study::solve(solvers, task))?;
-            let mut views = Vec::new();
-            for result in solved {
-                match result {
-                    Ok(solved) => views.extend(solved),
-                    Err(reason) => problems.push(reason),
-                }
-            }
-            self.settle(&problems)?;
+            let title = split.display().to_string();
+            let solvers = || solvers(objects, runtime);
+            let solved = in_parallel(&tasks, work, title, solvers, |solvers, task| study::solve(solvers, task))?;
+            let views = problems.taken_from(solved).into_iter().flatten().collect();
+            problems.settle(work)?;
             problems.report();
             Ok(views)
         };
@@ -125,43 +116,19 @@ impl<'a> Scoring<'a> {
         }
         let mut rows = Vec::new();
         for (object, (known, Object { model, .. })) in self.known.iter().zip(objects).enumerate() {
-            let of_object =
-                |all: &'_ [SolvedView]| all.iter().filter(|view| view.object == object).cloned().collect::<Vec<_>>();
-            if of_object(&views).is_empty() {
+            let of_object = |view: &&SolvedView| view.object == object;
+            let views: Vec<_> = views.iter().filter(of_object).collect();
+            if views.is_empty() {
                 return Err(format!("no view of {} can be scored; see --visible", model.manifest.name).into());
             }
-            rows.extend(study::study(model, &known.points, &of_object(&references), &of_object(&views))?);
+            let references: Vec<_> = references.iter().filter(of_object).collect();
+            rows.extend(study::study(model, &known.points, &references, &views)?);
         }
         Ok(rows)
     }
 
-    /// Works on all images, with a bar that shows how far.
-    fn work<R: Send, Tools>(
-        &self,
-        split: &Path,
-        tasks: &[Task],
-        make: impl Fn() -> Result<Tools, String> + Sync,
-        work: impl Fn(&mut Tools, &Task) -> Result<R, String> + Sync,
-    ) -> Result<Vec<Result<R, String>>, String> {
-        let progress = ProgressBar::new(tasks.len() as u64).with_message(split.display().to_string());
-        let counted = |tools: &mut Tools, task: &Task| {
-            let result = work(tools, task);
-            progress.inc(1);
-            result
-        };
-        let stop_early = !self.asked.work.keep_going;
-        let results = in_parallel(tasks, usize::from(self.asked.work.jobs), stop_early, make, counted);
-        progress.finish_and_clear();
-        results
-    }
-
     pub(super) fn keeps_going(&self) -> bool {
         self.asked.work.keep_going
-    }
-
-    /// An error if there are problems that must not be.
-    fn settle(&self, problems: &Problems) -> Result<(), String> {
-        if self.asked.work.keep_going { Ok(()) } else { problems.none_or_error() }
     }
 
     /// An error if there are objects without any view, or a file of results of which no line counts.
@@ -180,10 +147,7 @@ impl<'a> Scoring<'a> {
         if let (Source::File(answers), Some(path)) = (&self.source, &self.asked.splits.estimates) {
             let images: BTreeSet<_> =
                 scored.iter().flat_map(|split| split.tasks.iter().filter_map(Task::key)).collect();
-            let (used, unused) = answers.iter().fold((0, 0), |(used, unused), (image, lines)| {
-                if images.contains(image) { (used + lines.len(), unused) } else { (used, unused + lines.len()) }
-            });
-            let unused = unused + answers.others();
+            let (used, unused) = answers.used(&images);
             if used == 0 {
                 return Err(format!(
                     "{}: none of its {unused} lines is of these objects in {}",

@@ -7,9 +7,8 @@ use nalgebra::Vector3;
 use super::plan::Task;
 use super::scoring::{ScoredSplit, Scoring};
 use crate::evaluation::{ObjectRecords, Outline, Picture, Record, Sheet, close_up, picks};
-use crate::vision::{DecodeOptions, read_image};
+use crate::vision::{DecodeOptions, read_image, status_colour};
 use posed_core::geometry::Pose;
-use posed_core::pnp::Status;
 
 const TRUTH: [u8; 3] = [255; 3];
 
@@ -23,28 +22,28 @@ pub(super) fn sheets(
     all: &[ObjectRecords],
 ) -> Result<Vec<Sheet>, String> {
     let mut sheets = Vec::new();
-    let objects = scoring.known.len();
-    for (place, of_object) in all.iter().enumerate() {
-        // `all` lists the objects of the first split, then those of the next.
-        let (split, known) = (&splits[place / objects], &scoring.known[place % objects]);
+    // `all` lists the objects of the first split, then those of the next.
+    for (split, of_split) in splits.iter().zip(all.chunks(scoring.known.len())) {
         let named = |task: &'_ Task| (task.scene.clone(), task.image_id);
         let tasks: BTreeMap<_, _> = split.tasks.iter().map(|task| (named(task), task)).collect();
-        let records: Vec<&Record> = of_object.records.iter().collect();
-        let is_right = |record: &Record| record.view(of_object.diameter_m).is_right();
-        for group in picks(&records, is_right) {
-            let mut pictures = Vec::new();
-            for record in group.records {
-                let task = tasks.get(&(record.place.scene.clone(), record.place.image_id));
-                let Some(task) = task else { continue };
-                match picture(task, record, &known.corners, of_object) {
-                    Ok(picture) => pictures.push(picture),
-                    // It could be scored without its pixels.
-                    Err(_) if scoring.keeps_going() => {}
-                    Err(error) => return Err(error),
+        for (of_object, known) in of_split.iter().zip(&scoring.known) {
+            let records: Vec<&Record> = of_object.records.iter().collect();
+            let is_right = |record: &Record| record.view(of_object.diameter_m).is_right();
+            for group in picks(&records, is_right) {
+                let mut pictures = Vec::new();
+                for record in group.records {
+                    let task = tasks.get(&(record.place.scene.clone(), record.place.image_id));
+                    let Some(task) = task else { continue };
+                    match picture(task, record, &known.corners, of_object) {
+                        Ok(picture) => pictures.push(picture),
+                        // It could be scored without its pixels.
+                        Err(_) if scoring.keeps_going() => {}
+                        Err(error) => return Err(error),
+                    }
                 }
+                let (split, object) = (of_object.split.clone(), of_object.object.clone());
+                sheets.push(Sheet { split, object, title: group.title, pictures });
             }
-            let (split, object) = (of_object.split.clone(), of_object.object.clone());
-            sheets.push(Sheet { split, object, title: group.title, pictures });
         }
     }
     Ok(sheets)
@@ -64,20 +63,11 @@ fn picture(
     let estimate = answer.and_then(|answer| {
         let pose = answer.pose.as_ref()?;
         let axes = Some((*pose, 0.5 * of_object.diameter_m));
-        Some(Outline { corners: corners(pose), colour: colour(answer.status), axes })
+        Some(Outline { corners: corners(pose), colour: status_colour(answer.status), axes })
     });
     let outlines: Vec<_> = [truth].into_iter().chain(estimate).collect();
     let jpeg = close_up(&image, &task.camera, &record.region, &outlines).map_err(|error| wrong(&error))?;
     Ok(Picture { jpeg, captions: captions(record, of_object.diameter_m) })
-}
-
-fn colour(status: Status) -> [u8; 3] {
-    match status {
-        Status::Ok => [60, 220, 90],
-        Status::Ambiguous => [250, 200, 40],
-        Status::LowConfidence => [250, 130, 30],
-        Status::Rejected => [230, 40, 40],
-    }
 }
 
 fn captions(record: &Record, diameter_m: f64) -> Vec<String> {

@@ -20,7 +20,6 @@ const COUNTS: [usize; 3] = [1, 3, 10];
 const DRAWS: usize = 10;
 
 /// An object in an image, and where its keypoints are found.
-#[derive(Clone)]
 pub(super) struct SolvedView {
     pub(super) object: usize,
     camera: Camera,
@@ -74,10 +73,10 @@ pub(super) fn solve(solvers: &mut [KeypointSolver<'_>], task: &Task) -> Result<V
 pub(super) fn study(
     model: &ObjectModel,
     points: &ModelPoints,
-    references: &[SolvedView],
-    views: &[SolvedView],
+    references: &[&SolvedView],
+    views: &[&SolvedView],
 ) -> Result<Vec<StudyRow>, String> {
-    let offset = |view: &SolvedView| measure_offset(&view.camera_from_object, view.solution.as_ref()?).ok();
+    let offset = |view: &&SolvedView| measure_offset(&view.camera_from_object, view.solution.as_ref()?).ok();
     let offsets: Vec<Offset> = references.iter().filter_map(offset).collect();
     let name = &model.manifest.name;
     if offsets.is_empty() {
@@ -112,8 +111,8 @@ pub(super) fn study(
     Ok(rows)
 }
 
-fn score(points: &ModelPoints, offset: &Offset, views: &[SolvedView]) -> Option<Recall> {
-    let scored = |view: &SolvedView| {
+fn score(points: &ModelPoints, offset: &Offset, views: &[&SolvedView]) -> Option<Recall> {
+    let scored = |view: &&SolvedView| {
         let estimate = view.solution.as_ref().map(|solution| offset.apply(&solution.pose, &solution.covariance).0);
         let deviation = |estimate| Deviation::new(points, &view.camera, &estimate, &view.camera_from_object);
         ScoredView {

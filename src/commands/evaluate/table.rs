@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::evaluation::{Boxes, Detections, Interval, Report, Section};
+use crate::evaluation::{Boxes, Detections, GroupConsistency, Interval, Report, Section};
 
 /// All tables, those of each split below its name.
 pub(super) fn tables(report: &Report) -> String {
@@ -53,17 +53,13 @@ fn trust(sections: &[Section]) -> String {
     );
     for section in sections {
         let Section { object, visible, verdicts, intervals, .. } = section;
-        let wrong = if verdicts.ok == 0 {
-            "-".into()
-        } else {
-            percent(verdicts.ok_wrong as f64 / verdicts.ok as f64, intervals.ok_wrong)
-        };
+        let wrong = verdicts.ok_wrong_share().map_or("-".into(), |share| percent(share, intervals.ok_wrong));
         let consistency = section.consistency.as_ref();
         let pose = consistency.and_then(|consistency| consistency.pose.as_ref());
         let nees =
             pose.map_or("-".into(), |pose| format!("{:.1}, {:.1} ({:.0})", pose.mean, pose.median, pose.mean_degrees));
-        let at_95 = pose.and_then(|pose| pose.coverage.iter().find(|coverage| coverage.level > 0.94));
-        let covered = at_95.map_or("-".into(), |coverage| format!("{:.1} %", 1e2 * coverage.share));
+        let within_95 = pose.and_then(GroupConsistency::within_95);
+        let covered = within_95.map_or("-".into(), |share| format!("{:.1} %", 1e2 * share));
         let ratios =
             consistency.and_then(|all| Some([all.depth.as_ref()?, all.lateral.as_ref()?, all.rotation.as_ref()?]));
         let sigmas =

@@ -3,6 +3,7 @@ use serde::Serialize;
 
 use super::observation::Sighting;
 use super::shape::Shape;
+use crate::evaluation::across::across;
 use posed_core::geometry::{Covariance6, Pose};
 
 /// Upper 5 % of the chi-squared distribution with 1 to 6 degrees of freedom.
@@ -120,13 +121,6 @@ impl Nees {
             within_95: total <= CHI2_95[degrees_of_freedom - 1],
         })
     }
-}
-
-/// Two directions across another.
-fn across(direction: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
-    let least = direction.map(f64::abs).imin();
-    let first = direction.cross(&Vector3::ith(least, 1.0)).normalize();
-    [first, direction.cross(&first)]
 }
 
 /// Squared Mahalanobis length of a step's components along some directions.

@@ -103,14 +103,14 @@ fn trust(sections: &[&Section]) -> Markup {
                     td.number { (verdicts.ok) }
                     td.number.bad[verdicts.ok_wrong > 0] {
                         (verdicts.ok_wrong)
-                        @if verdicts.ok > 0 {
-                            ", " (percent(Some(verdicts.ok_wrong as f64 / verdicts.ok as f64), section.intervals.ok_wrong))
+                        @if let Some(share) = verdicts.ok_wrong_share() {
+                            ", " (percent(Some(share), section.intervals.ok_wrong))
                         }
                     }
                     td.number { (verdicts.not_ok_right) }
                     td.number { (verdicts.unanswered) }
                     td.number { (pose.map_or("–".into(), |pose| format!("{:.1} of {:.0}", pose.median, pose.mean_degrees))) }
-                    td.number { (percent(pose.and_then(|pose| pose.coverage.last()).map(|at| at.share), None)) }
+                    td.number { (percent(pose.and_then(GroupConsistency::within_95), None)) }
                     td.number { (group(consistency.and_then(|all| all.depth.as_ref()))) }
                     td.number { (group(consistency.and_then(|all| all.lateral.as_ref()))) }
                     td.number { (group(consistency.and_then(|all| all.rotation.as_ref()))) }

@@ -3,12 +3,11 @@ use image::{Rgb, RgbImage};
 use imageproc::drawing::draw_line_segment_mut;
 use nalgebra::{Vector2, Vector3};
 
-use crate::vision::{BoundingBox, encode};
+use crate::vision::{AXIS_COLOURS, BoundingBox, box_edges, encode};
 use posed_core::geometry::{Camera, Pose};
 
 /// Side of a picture of a contact sheet, pixels.
 const SIDE: u32 = 240;
-const AXIS_COLOURS: [[u8; 3]; 3] = [[230, 30, 30], [30, 190, 40], [40, 90, 255]];
 /// Of the larger side of the object's box.
 const MARGIN: f64 = 1.8;
 
@@ -60,10 +59,9 @@ pub fn close_up(
         Some(((pixel - corner).add_scalar(0.5) * scale).add_scalar(-0.5))
     };
     for outline in outlines {
-        for (index, from) in outline.corners.iter().enumerate() {
-            for to in (0..3).map(|axis| index | 1 << axis).filter(|to| *to != index) {
-                stroke(&mut small, place(from), place(&outline.corners[to]), outline.colour);
-            }
+        let corners = outline.corners.each_ref().map(place);
+        for (from, to) in box_edges() {
+            stroke(&mut small, corners[from], corners[to], outline.colour);
         }
         let Some((pose, length_m)) = &outline.axes else { continue };
         for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {

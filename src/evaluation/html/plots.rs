@@ -87,13 +87,8 @@ pub(super) fn risk(sections: &[&Section]) -> String {
 
 /// Share of errors within an ellipsoid over the share that it should hold, of `ok` poses.
 pub(super) fn coverage(of: &ObjectRecords) -> String {
-    let nees: Vec<PoseNees> = of
-        .records
-        .iter()
-        .filter_map(|record| record.said.as_ref())
-        .filter(|said| said.answer.status == Status::Ok)
-        .filter_map(|said| said.nees)
-        .collect();
+    let nees: Vec<PoseNees> =
+        of.records.iter().filter(|record| record.is_ok()).filter_map(|record| record.said.as_ref()?.nees).collect();
     let series = ["pose", "depth", "lateral", "rotation"].map(|name| {
         let part = |nees: &PoseNees| match name {
             "depth" => nees.depth,

@@ -36,22 +36,40 @@ impl Bootstrap {
     ///
     /// `None` with fewer than two clusters that have members, or if the statistic is never defined.
     pub fn interval<T: Clone>(&self, clusters: &[Vec<T>], statistic: impl Fn(&[T]) -> Option<f64>) -> Option<Interval> {
+        let [interval] = self.intervals(clusters, |members| [statistic(members)]);
+        interval
+    }
+
+    /// [`Bootstrap::interval`] of several statistics of the same draws.
+    pub fn intervals<T: Clone, const N: usize>(
+        &self,
+        clusters: &[Vec<T>],
+        statistics: impl Fn(&[T]) -> [Option<f64>; N],
+    ) -> [Option<Interval>; N] {
         let clusters: Vec<_> = clusters.iter().filter(|cluster| !cluster.is_empty()).collect();
         if clusters.len() < 2 {
-            return None;
+            return [None; N];
         }
         let mut random = fastrand::Rng::with_seed(self.seed);
         let mut members = Vec::new();
-        let mut draw = || {
+        let mut values = [const { Vec::new() }; N];
+        for _ in 0..self.draws {
             members.clear();
             for _ in 0..clusters.len() {
                 members.extend_from_slice(clusters[random.usize(..clusters.len())]);
             }
-            statistic(&members).filter(|value| !value.is_nan())
-        };
-        let mut values: Vec<_> = (0..self.draws).filter_map(|_| draw()).collect();
+            for (values, value) in values.iter_mut().zip(statistics(&members)) {
+                values.extend(value.filter(|value| !value.is_nan()));
+            }
+        }
+        values.map(Interval::of)
+    }
+}
+
+impl Interval {
+    fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
-        Some(Interval { low: quantile(&values, TAIL)?, high: quantile(&values, 1.0 - TAIL)? })
+        Some(Self { low: quantile(&values, TAIL)?, high: quantile(&values, 1.0 - TAIL)? })
     }
 }
 

@@ -4,6 +4,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::model_points::ModelPoints;
 use super::statistics::{mean, median, share};
+use crate::evaluation::across::across;
 use posed_core::geometry::{ContinuousSymmetry, Covariance6, Pose, covariance_about};
 
 /// Ellipsoids of which the coverage is counted.
@@ -66,10 +67,10 @@ impl PoseNees {
         let of_centre = truth.transform(&centre) - estimate.transform(&centre);
         let about_centre = covariance_about(&about_origin, &lever);
         let ray = Unit::try_new(estimate.transform(&centre), 1e-12).unwrap_or_else(Vector3::z_axis);
-        let across = across(&ray);
+        let lateral = across(&ray);
 
         let rotation = match axis {
-            Some(axis) => self::across(&(estimate.rotation() * axis.axis)).to_vec(),
+            Some(axis) => across(&(estimate.rotation() * axis.axis)).to_vec(),
             None => vec![Vector3::x(), Vector3::y(), Vector3::z()],
         };
         let turn: Vector3<f64> = error.fixed_rows::<3>(3).into();
@@ -81,7 +82,7 @@ impl PoseNees {
         Some(Self {
             pose: nees(&[&axes[..], &turns].concat(), &error, &about_origin)?,
             depth: nees(&[moved(&ray)], &centre_error, &about_centre)?,
-            lateral: nees(&across.map(|axis| moved(&axis)), &centre_error, &about_centre)?,
+            lateral: nees(&lateral.map(|axis| moved(&axis)), &centre_error, &about_centre)?,
             rotation: nees(&turns, &error, &about_origin)?,
         })
     }
@@ -94,13 +95,6 @@ fn without_turns(axis: &ContinuousSymmetry, estimate: &Pose, covariance: &Covari
     let turn = twist(&(estimate.rotation() * axis.offset_m.cross(&axis.axis)), &direction);
     let undo = Matrix6::identity() - turn * twist(&Vector3::zeros(), &direction).transpose();
     undo * covariance * undo.transpose()
-}
-
-/// Two directions that are perpendicular to one, and to each other.
-fn across(direction: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
-    let other = Vector3::ith(direction.iamin(), 1.0);
-    let first = direction.cross(&other).normalize();
-    [first, direction.cross(&first)]
 }
 
 fn twist(translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Vector6<f64> {
@@ -197,6 +191,12 @@ impl Consistency {
 }
 
 impl GroupConsistency {
+    /// Share within the widest of the ellipsoids, which should hold 95 %.
+    #[must_use]
+    pub fn within_95(&self) -> Option<f64> {
+        self.coverage.last().map(|coverage| coverage.share)
+    }
+
     #[allow(clippy::needless_pass_by_value, reason = "collected for this")]
     fn of(all: Vec<Nees>) -> Option<Self> {
         let levels: Vec<_> = all.iter().map(Nees::level).collect::<Option<_>>()?;

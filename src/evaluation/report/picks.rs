@@ -1,5 +1,3 @@
-use posed_core::pnp::Status;
-
 use crate::evaluation::record::Record;
 
 /// Pictures in each group.
@@ -19,15 +17,12 @@ pub fn picks<'a>(records: &[&'a Record], is_right: impl Fn(&Record) -> bool) -> 
     sorted.sort_by(|a, b| add_m(a).total_cmp(&add_m(b)));
     let middle = sorted.len() / 2;
     let about = middle.saturating_sub(MOST / 2)..(middle + MOST / 2).min(sorted.len());
-    let status_is = |record: &Record, wanted: &dyn Fn(Status) -> bool| {
-        record.said.as_ref().is_some_and(|said| wanted(said.answer.status))
+    let misled = |ok: bool| -> Vec<&'a Record> {
+        sorted.iter().copied().filter(|record| record.is_ok() == ok && is_right(record) != ok).collect()
     };
-    let misled = |wanted: &dyn Fn(Status) -> bool, right: bool| -> Vec<&'a Record> {
-        sorted.iter().copied().filter(|record| status_is(record, wanted) && is_right(record) == right).collect()
-    };
-    let mut ok_but_wrong = misled(&|status| status == Status::Ok, false);
+    let mut ok_but_wrong = misled(true);
     ok_but_wrong.reverse();
-    let right_but_not_ok = misled(&|status| status != Status::Ok, true);
+    let right_but_not_ok = misled(false);
     let unanswered = records.iter().copied().filter(|record| !add_m(record).is_finite()).collect();
     let groups = [
         ("ok, but wrong", ok_but_wrong),

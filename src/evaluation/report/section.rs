@@ -1,4 +1,3 @@
-use posed_core::pnp::Status;
 use serde::Serialize;
 
 use super::seen::{Seen, by_image};
@@ -50,7 +49,8 @@ impl Section {
         let images = by_image(seen);
         let views: Vec<ScoredView> = seen.iter().map(|one| one.view).collect();
         let said = || seen.iter().filter_map(|one| one.record.said.as_ref());
-        let ok: Vec<_> = said().filter(|said| said.answer.status == Status::Ok).collect();
+        let ok: Vec<_> =
+            seen.iter().filter(|one| one.record.is_ok()).filter_map(|one| one.record.said.as_ref()).collect();
         let stated = ok.iter().any(|said| said.answer.covariance.is_some());
         Some(Self {
             split: split.into(),
@@ -80,26 +80,32 @@ fn trust(seen: &[Seen<'_>]) -> Option<Trust> {
 impl Intervals {
     fn of(images: &[Vec<Seen<'_>>]) -> Self {
         let bootstrap = Bootstrap::default();
-        let of = |statistic: &dyn Fn(&[Seen<'_>]) -> Option<f64>| bootstrap.interval(images, statistic);
-        let recall = |figure: &dyn Fn(&Recall) -> Option<f64>| {
-            of(&|seen| figure(&Recall::of(&seen.iter().map(|one| one.view).collect::<Vec<_>>())?))
+        let figures = |seen: &[Seen<'_>]| match Recall::of(&seen.iter().map(|one| one.view).collect::<Vec<_>>()) {
+            None => [None; 6],
+            Some(recall) => [
+                Some(recall.add),
+                Some(recall.proj5),
+                recall.within(5, 5),
+                Some(recall.ar_without_vsd),
+                Some(recall.median_rotation_deg),
+                Some(recall.median_translation_m),
+            ],
         };
-        let is_ok = |one: &Seen<'_>| one.record.said.as_ref().is_some_and(|said| said.answer.status == Status::Ok);
-        let ok: Vec<Vec<_>> =
-            images.iter().map(|seen| seen.iter().filter(|one| is_ok(one)).copied().collect()).collect();
-        let ok: Vec<Vec<_>> = ok.into_iter().filter(|seen| !seen.is_empty()).collect();
+        let [add, proj5, deg5_cm5, ar_without_vsd, median_rotation_deg, median_translation_m] =
+            bootstrap.intervals(images, figures);
+        let ok = images.iter().map(|seen| seen.iter().filter(|one| one.record.is_ok()).copied().collect());
+        let ok: Vec<Vec<_>> = ok.filter(|seen: &Vec<_>| !seen.is_empty()).collect();
         let wrong =
             |seen: &[Seen<'_>]| Some(seen.iter().filter(|one| !one.view.is_right()).count() as f64 / seen.len() as f64);
         let share = |interval: Option<Interval>| interval.map(|interval| widened(interval, images.len()));
-        let ok_wrong = bootstrap.interval(&ok, wrong).map(|interval| widened(interval, ok.len()));
         Self {
-            add: share(recall(&|recall| Some(recall.add))),
-            proj5: share(recall(&|recall| Some(recall.proj5))),
-            deg5_cm5: share(recall(&|recall| recall.within(5, 5))),
-            ar_without_vsd: recall(&|recall| Some(recall.ar_without_vsd)),
-            ok_wrong,
-            median_rotation_deg: recall(&|recall| Some(recall.median_rotation_deg)),
-            median_translation_m: recall(&|recall| Some(recall.median_translation_m)),
+            add: share(add),
+            proj5: share(proj5),
+            deg5_cm5: share(deg5_cm5),
+            ar_without_vsd,
+            ok_wrong: bootstrap.interval(&ok, wrong).map(|interval| widened(interval, ok.len())),
+            median_rotation_deg,
+            median_translation_m,
         }
     }
 }

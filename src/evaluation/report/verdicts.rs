@@ -33,6 +33,12 @@ pub struct Counted {
 }
 
 impl Verdicts {
+    /// Of the `ok` answers; `None` without any.
+    #[must_use]
+    pub fn ok_wrong_share(&self) -> Option<f64> {
+        (self.ok > 0).then(|| self.ok_wrong as f64 / self.ok as f64)
+    }
+
     pub(super) fn of(seen: &[Seen<'_>]) -> Self {
         let mut verdicts = Self::default();
         let (mut statuses, mut reasons) = (BTreeMap::<Status, Counted>::new(), BTreeMap::<String, Counted>::new());

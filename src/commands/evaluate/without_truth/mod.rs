@@ -8,11 +8,9 @@ use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use indicatif::ProgressBar;
 use nalgebra::Vector3;
 
-use super::super::models::ModelArgs;
-use super::options::OutputArgs;
+use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use crate::estimator::{Estimator, Frame, Selection};
 use crate::evaluation::ReadOptions;
@@ -24,62 +22,43 @@ use report::{ObjectReport, Report};
 
 /// What to evaluate.
 pub(super) struct StillScenes<'a> {
-    pub(super) objects: &'a [String],
+    pub(super) asked: &'a Asked,
     pub(super) split: &'a Path,
-    pub(super) options: ReadOptions,
-    pub(super) models: &'a ModelArgs,
-    pub(super) jobs: usize,
-    pub(super) keep_going: bool,
     pub(super) output: &'a OutputArgs,
 }
 
 impl StillScenes<'_> {
     pub(super) fn run(&self) -> Result<(), Box<dyn Error>> {
-        let (library, references) = self.models.library()?;
+        let Asked { objects: names, work, dataset, models, .. } = self.asked;
+        let (library, references) = models.library()?;
         let shape = |name: &String| shape(name, &library, &references);
-        let shapes = self.objects.iter().map(shape).collect::<Result<Vec<_>, _>>()?;
-        let options = ReadOptions { without_truth: true, ..self.options.clone() };
+        let shapes = names.iter().map(shape).collect::<Result<Vec<_>, _>>()?;
+        let options = ReadOptions { without_truth: true, ..dataset.options()? };
         let Photos { photos, scenes, mut problems } = Photos::of(self.split, &options)?;
-        if !self.keep_going {
-            problems.none_or_error()?;
-        }
-        let runtime = self.models.runtime_for(self.jobs)?;
-        let selection = Selection { objects: Some(self.objects.to_vec()), ..Selection::ALL };
-        let progress = ProgressBar::new(photos.len() as u64).with_message(self.objects.join(", "));
-        let results = in_parallel(
-            &photos,
-            self.jobs,
-            !self.keep_going,
-            || {
-                let estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &runtime);
-                estimator.map_err(|error| error.to_string())
-            },
-            |estimator, photo| {
-                let found = self.found(estimator, photo, &selection);
-                progress.inc(1);
-                found.map_err(|error| format!("{}: {error}", photo.image.display()))
-            },
-        )?;
-        progress.finish_and_clear();
-        let mut observations = vec![vec![Vec::new(); scenes.len()]; self.objects.len()];
-        let mut images = 0;
-        for (photo, result) in photos.iter().zip(results) {
-            match result {
-                Ok(found) => {
-                    images += 1;
-                    for (object, one) in found {
-                        observations[object][photo.scene].push(one);
-                    }
-                }
-                Err(reason) => problems.push(reason),
+        problems.settle(work)?;
+        let runtime = models.runtime_for(usize::from(work.jobs))?;
+        let selection = Selection { objects: Some(names.clone()), ..Selection::ALL };
+        let estimator = || {
+            let estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &runtime);
+            estimator.map_err(|error| error.to_string())
+        };
+        let results = in_parallel(&photos, work, names.join(", "), estimator, |estimator, photo| {
+            let found = found(names, estimator, photo, &selection);
+            let found = found.map_err(|error| format!("{}: {error}", photo.image.display()))?;
+            Ok((photo.scene, found))
+        })?;
+        let answered = problems.taken_from(results);
+        problems.settle(work)?;
+        let images = answered.len();
+        let mut observations = vec![vec![Vec::new(); scenes.len()]; names.len()];
+        for (scene, found) in answered {
+            for (object, one) in found {
+                observations[object][scene].push(one);
             }
-        }
-        if !self.keep_going {
-            problems.none_or_error()?;
         }
         let bounds = Bounds::default();
         let mut objects = Vec::new();
-        for ((name, shape), by_scene) in self.objects.iter().zip(&shapes).zip(observations) {
+        for ((name, shape), by_scene) in names.iter().zip(&shapes).zip(observations) {
             let mut agreements = Vec::new();
             for (scene, found) in scenes.iter().zip(by_scene) {
                 match SceneAgreement::of(scene.clone(), shape, &bounds, found) {
@@ -89,9 +68,7 @@ impl StillScenes<'_> {
             }
             objects.push(ObjectReport::new(name, shape.diameter_m(), images, agreements));
         }
-        if !self.keep_going {
-            problems.none_or_error()?;
-        }
+        problems.settle(work)?;
         let report = Report::new(self.split, bounds, objects, problems.all());
         self.output.write_json(&report)?;
         problems.report();
@@ -103,34 +80,34 @@ impl StillScenes<'_> {
              (world to camera)"
             .into())
     }
+}
 
-    /// All poses of the wanted objects in one photo, in the world's frame, with the places of their objects.
-    fn found(
-        &self,
-        estimator: &mut Estimator,
-        photo: &Photo,
-        selection: &Selection,
-    ) -> Result<Vec<(usize, Observation)>, Box<dyn Error>> {
-        let image = read_image(&photo.image, &DecodeOptions::default())?;
-        let frame = Frame { selection, ..Frame::new(&image, &photo.camera) };
-        let estimate = estimator.estimate_all(&[frame]).swap_remove(0)?;
-        let mut found = Vec::new();
-        for answer in &estimate.poses {
-            let object = self.objects.iter().position(|name| *name == answer.object);
-            let Some((object, solved)) = object.zip(answer.pose.as_ref()) else { continue };
-            let (world_from_object, covariance) = solved.of_image_in_frame(&photo.world_from_camera);
-            let observation = Observation {
-                image_id: photo.image_id,
-                world_from_object,
-                covariance,
-                camera_in_world: *photo.world_from_camera.translation(),
-                status: answer.verdict.status,
-                confidence: answer.confidence(),
-            };
-            found.push((object, observation));
-        }
-        Ok(found)
+/// All poses of the wanted objects in one photo, in the world's frame, with the places of their objects.
+fn found(
+    names: &[String],
+    estimator: &mut Estimator,
+    photo: &Photo,
+    selection: &Selection,
+) -> Result<Vec<(usize, Observation)>, Box<dyn Error>> {
+    let image = read_image(&photo.image, &DecodeOptions::default())?;
+    let frame = Frame { selection, ..Frame::new(&image, &photo.camera) };
+    let estimate = estimator.estimate_all(&[frame]).swap_remove(0)?;
+    let mut found = Vec::new();
+    for answer in &estimate.poses {
+        let object = names.iter().position(|name| *name == answer.object);
+        let Some((object, solved)) = object.zip(answer.pose.as_ref()) else { continue };
+        let (world_from_object, covariance) = solved.of_image_in_frame(&photo.world_from_camera);
+        let observation = Observation {
+            image_id: photo.image_id,
+            world_from_object,
+            covariance,
+            camera_in_world: *photo.world_from_camera.translation(),
+            status: answer.verdict.status,
+            confidence: answer.confidence(),
+        };
+        found.push((object, observation));
     }
+    Ok(found)
 }
 
 /// What is compared of an object: about the middle of its keypoints.
