@@ -36,20 +36,26 @@ impl BareLoop {
         Self { keypoints: keypoints.collect(), detector: (shape, vec![114; shape.iter().product()]), networks }
     }
 
-    /// Milliseconds of each pass within a time.
-    pub fn run(&mut self, time: Duration) -> Vec<f64> {
-        let end = Instant::now() + time;
-        let mut times = Vec::new();
-        while Instant::now() < end {
-            let start = Instant::now();
-            let (shape, values) = &self.detector;
-            self.networks.detector.run(Input::Bytes { shape: *shape, values }).unwrap();
-            for (index, shape, values) in &self.keypoints {
-                let network = self.networks.keypoints[*index].as_mut().unwrap();
-                network.run(Input::Bytes { shape: *shape, values }).unwrap();
-            }
-            times.push(start.elapsed().as_secs_f64() * 1e3);
+    /// Images per second, one after another.
+    pub fn rate(&mut self, time: Duration) -> f64 {
+        let start = Instant::now();
+        let mut images = 0.0;
+        while start.elapsed() < time {
+            self.run();
+            images += 1.0;
         }
-        times
+        images / start.elapsed().as_secs_f64()
+    }
+
+    /// Milliseconds of one image.
+    pub fn run(&mut self) -> f64 {
+        let start = Instant::now();
+        let (shape, values) = &self.detector;
+        self.networks.detector.run(Input::Bytes { shape: *shape, values }).unwrap();
+        for (index, shape, values) in &self.keypoints {
+            let network = self.networks.keypoints[*index].as_mut().unwrap();
+            network.run(Input::Bytes { shape: *shape, values }).unwrap();
+        }
+        start.elapsed().as_secs_f64() * 1e3
     }
 }

@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use reqwest::StatusCode;
-use serde_json::Value;
 use tokio::task::JoinSet;
 
 use crate::process::Server;
@@ -24,36 +23,21 @@ pub struct Overload {
 
 /// Images per second of so many clients that each wait for their answer.
 pub async fn closed_loop(server: &Server, image: &[u8], clients: usize, time: Duration) -> f64 {
-    let (end, answered) = (Instant::now() + time, Arc::new(AtomicUsize::new(0)));
+    let (start, answered) = (Instant::now(), Arc::new(AtomicUsize::new(0)));
     let mut tasks = JoinSet::new();
     for _ in 0..clients {
         let (request, answered) = (server.request(image.to_vec()), Arc::clone(&answered));
         tasks.spawn(async move {
-            while Instant::now() < end {
+            while start.elapsed() < time {
                 let response = request.try_clone().unwrap().send().await.unwrap();
                 assert_eq!(response.status(), StatusCode::OK);
                 response.bytes().await.unwrap();
-                if Instant::now() < end {
-                    answered.fetch_add(1, Ordering::Relaxed);
-                }
+                answered.fetch_add(1, Ordering::Relaxed);
             }
         });
     }
     tasks.join_all().await;
-    answered.load(Ordering::Relaxed) as f64 / time.as_secs_f64()
-}
-
-/// Milliseconds of requests one after another, with the server's own timings.
-pub async fn one_by_one(server: &Server, image: &[u8], time: Duration) -> (Vec<f64>, Vec<Value>) {
-    let end = Instant::now() + time;
-    let (mut latencies, mut timings) = (Vec::new(), Vec::new());
-    while Instant::now() < end {
-        let start = Instant::now();
-        let answer = server.post(image.to_vec()).await;
-        latencies.push(start.elapsed().as_secs_f64() * 1e3);
-        timings.push(answer["timings_ms"].clone());
-    }
-    (latencies, timings)
+    answered.load(Ordering::Relaxed) as f64 / start.elapsed().as_secs_f64()
 }
 
 /// Requests at fixed times, whatever becomes of them.

@@ -1,5 +1,6 @@
 //! Square crops, as the trainer (`training/posed_train/crops.py`) cuts them.
 
+use std::num::Wrapping;
 use std::ops::RangeInclusive;
 
 use fast_image_resize::{ResizeOptions, Resizer};
@@ -111,7 +112,7 @@ fn size_of(image: &RgbImage) -> Vector2<f64> {
 /// An upright part of an image, from which turned squares are sampled.
 struct Canvas {
     /// Row by row, each pixel's channels in the lanes of one number.
-    lanes: Vec<u64>,
+    lanes: Vec<Wrapping<u64>>,
     /// Pixels of a side.
     size: u32,
     /// Image pixels to those of the canvas.
@@ -136,7 +137,8 @@ impl Canvas {
         let around = Square { centre: squares[0].centre, side: canvas_size * pixel, turn: 0.0 };
         let size = canvas_size as u32;
         let rgb = cut_upright(resizer, image, &around, size)?;
-        let spread = |rgb: &[u8]| u64::from(rgb[0]) | u64::from(rgb[1]) << LANE | u64::from(rgb[2]) << (2 * LANE);
+        let spread =
+            |rgb: &[u8]| Wrapping(u64::from(rgb[0]) | u64::from(rgb[1]) << LANE | u64::from(rgb[2]) << (2 * LANE));
         let lanes = rgb.chunks_exact(3).map(spread).collect();
         Ok(Self { lanes, size, from_image: around.crop_from_image(size) })
     }
@@ -144,33 +146,36 @@ impl Canvas {
     /// One of the squares, bilinear, as `size` x `size` pixels.
     ///
     /// In fixed point and with the channels in one number, since libraries that sample in floats with checks at each
-    /// pixel take more than ten times as long.
+    /// pixel take more than ten times as long; and wrapping, since checks for overflow double the time again. All
+    /// places are within the canvas, and a lane holds what is summed in it.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the canvas; single channels")]
     fn sample(&self, crop_from_image: &Affine, size: u32) -> Vec<u8> {
         let canvas_from_crop = self.from_image * crop_from_image.inverse();
-        let fixed = |value: f64| (value * f64::from(1u32 << POINT)).round() as i64;
+        let fixed = |value: f64| Wrapping((value * f64::from(1u32 << POINT)).round() as i64);
         let place = |u: u32, v: u32| canvas_from_crop.apply(&Vector2::new(f64::from(u), f64::from(v)));
         let step = (place(1, 0) - place(0, 0)).map(fixed);
-        let half = (1 << (WEIGHT - 1)) * (1 | 1 << LANE | 1 << (2 * LANE));
+        let one = Wrapping(1 << WEIGHT);
+        let half = Wrapping((1 << (WEIGHT - 1)) * (1 | 1 << LANE | 1 << (2 * LANE)));
+        let fraction = |at: Wrapping<i64>| Wrapping((at.0 >> (POINT - 8)) as u64 & 255);
         let stride = self.size as usize;
         let mut rgb = vec![0; 3 * size as usize * size as usize];
         for (v, row) in (0..size).zip(rgb.chunks_exact_mut(3 * size as usize)) {
             let mut at = place(0, v).map(fixed);
-            for pixel in row.chunks_exact_mut(3) {
-                let [right, below] = [at.x, at.y].map(|at| (at >> (POINT - 8)) as u64 & 255);
-                let both = (right * below) >> (16 - WEIGHT);
-                let [right, below] = [right, below].map(|weight| weight << (WEIGHT - 8));
-                let start = (at.y >> POINT) as usize * stride + (at.x >> POINT) as usize;
-                let (upper, lower) = (&self.lanes[start..start + 2], &self.lanes[start + stride..start + stride + 2]);
-                let sum = upper[0] * ((1 << WEIGHT) + both - right - below)
-                    + upper[1] * (right - both)
-                    + lower[0] * (below - both)
-                    + lower[1] * both
+            for pixel in row.as_chunks_mut::<3>().0 {
+                let (right, below) = (fraction(at.x), fraction(at.y));
+                let both = (right * below) >> (16 - WEIGHT as usize);
+                let (right, below) = (right << (WEIGHT as usize - 8), below << (WEIGHT as usize - 8));
+                let start = ((at.y.0 >> POINT) as usize).wrapping_mul(stride).wrapping_add((at.x.0 >> POINT) as usize);
+                let around = &self.lanes[start..];
+                let sum = around[0] * (one + both - right - below)
+                    + around[1] * (right - both)
+                    + around[stride] * (below - both)
+                    + around[stride + 1] * both
                     + half;
-                for (lane, value) in (0..).zip(pixel) {
-                    *value = (sum >> (lane * LANE + WEIGHT)) as u8;
-                }
-                at += step;
+                let level = |lane: u32| (sum.0 >> (lane * LANE + WEIGHT)) as u8;
+                *pixel = [level(0), level(1), level(2)];
+                at.x += step.x;
+                at.y += step.y;
             }
         }
         rgb
