@@ -1,3 +1,4 @@
+use std::borrow::Cow;
 use std::io::Cursor;
 
 use image::metadata::Orientation;
@@ -5,6 +6,7 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Li
 
 use super::error::{DecodeError, damaged};
 use super::header::{EncodedHeader, header};
+use super::jpeg;
 use super::options::{DecodeOptions, OrientationPolicy};
 use super::source::Image;
 
@@ -44,10 +46,11 @@ pub fn decode(image: &Image, options: &DecodeOptions) -> Result<Decoded, DecodeE
 fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
     let header = EncodedHeader::read(bytes)?;
     header.checked(options)?;
-    if header.format == ImageFormat::Jpeg && jpeg_is_truncated(bytes) {
-        return Err(DecodeError::Truncated);
-    }
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), header.format);
+    let bytes = match header.format {
+        ImageFormat::Jpeg => jpeg::whole(bytes).map_err(|fault| damaged(ImageFormat::Jpeg, &fault))?,
+        _ => Cow::Borrowed(bytes),
+    };
+    let mut reader = ImageReader::with_format(Cursor::new(&*bytes), header.format);
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(header.metadata);
     reader.limits(limits);
@@ -78,17 +81,6 @@ fn of_decoder(error: ImageError) -> DecodeError {
         DecodeError::Truncated
     } else {
         DecodeError::Damaged(error)
-    }
-}
-
-/// Decoders fill the missing part of a JPEG with grey and report success, which would cost a detection in silence. Here
-/// the end marker must follow the last scan (markers cannot occur inside a scan's data).
-fn jpeg_is_truncated(bytes: &[u8]) -> bool {
-    let last = |marker: u8| memchr::memmem::rfind(bytes, &[0xFF, marker]);
-    match (last(0xDA), last(0xD9)) {
-        (Some(start_of_scan), Some(end_of_image)) => end_of_image < start_of_scan,
-        (Some(_), None) => true,
-        (None, Some(_) | None) => false, // no scan at all: the decoder will say so
     }
 }
 
@@ -139,6 +131,40 @@ mod tests {
                 assert!(decode(&whole[..length], &DecodeOptions::default()).is_err(), "{format:?} cut to {length}");
             }
         }
+    }
+
+    /// Frames of a motion JPEG.
+    #[test]
+    fn a_jpeg_without_code_tables_has_the_typical_ones() {
+        let whole = encoded(&gradient(), ImageFormat::Jpeg);
+        let (mut bare, mut position) = (whole[..2].to_vec(), 2);
+        while whole[position + 1] != 0xDA {
+            let length = 2 + usize::from(u16::from_be_bytes([whole[position + 2], whole[position + 3]]));
+            if whole[position + 1] != 0xC4 {
+                bare.extend(&whole[position..position + length]);
+            }
+            position += length;
+        }
+        bare.extend(&whole[position..]);
+        assert!(bare.len() < whole.len());
+        let [bare, whole] = [bare, whole].map(|bytes| decode(&bytes, &DecodeOptions::default()).unwrap().image);
+        assert_eq!(bare, whole);
+    }
+
+    #[test]
+    fn subsampled_components_in_scans_of_their_own_are_refused_in_words() {
+        let bytes = std::fs::read("tests/data/encodings/separate-scans.jpg").unwrap();
+        let refusal = decode(&bytes, &DecodeOptions::default()).unwrap_err().to_string();
+        assert!(refusal.contains("store them interleaved"), "{refusal}");
+    }
+
+    #[test]
+    fn a_progressive_jpeg_that_lost_bytes_is_refused() {
+        let whole = std::fs::read("tests/data/encodings/progressive.jpg").unwrap();
+        assert!(decode(&whole, &DecodeOptions::default()).is_ok());
+        let middle = whole.len() / 2;
+        let cut = [&whole[..middle], &whole[middle + 20..]].concat();
+        assert!(decode(&cut, &DecodeOptions::default()).is_err());
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod disk;
 mod error;
 mod header;
 mod heatmap;
+mod jpeg;
 mod options;
 mod overlay;
 mod raw;
