@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
-use crate::estimator::{KeypointSolver, MeasuredView, calibrate};
+use crate::estimator::{CalibrateOptions, KeypointSolver, MeasuredView, calibrate};
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
 use crate::vision::{BoundingBox, DecodeOptions, Image, decode, encode, read_image};
@@ -40,6 +40,9 @@ pub(super) struct Calibrate {
     /// How to average several references.
     #[arg(long, value_enum, default_value_t)]
     mode: ModeChoice,
+    /// The origin of the object's frame may lie farther from the object than the object is large.
+    #[arg(long)]
+    far_origin: bool,
     #[command(flatten)]
     dataset: DatasetArgs,
     #[command(flatten)]
@@ -129,17 +132,17 @@ impl Calibrate {
         let model = ObjectModel::load(&self.models.models, &self.object)?;
         let known = self.known(&model)?;
         let mut solver = KeypointSolver::new(&model, &self.models.runtime()?)?;
-        let several = known.len() > 1;
         let mut views = Vec::with_capacity(known.len());
         let mut files = Vec::with_capacity(known.len());
-        for (index, known) in known.iter().enumerate() {
+        for known in &known {
             let name = known.path.display();
             let (bytes, ending) = encoded(&known.path).map_err(|error| format!("{name}: {error}"))?;
-            let file = self.file_name(&ending, index, several);
+            let file = References::image_name(&self.object, &bytes, &ending);
             views.push(measure(&mut solver, known, &bytes, file.clone()).map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
-        let reference = calibrate(&model, views, self.mode.into())?;
+        let reference =
+            calibrate(&model, views, CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin })?;
         print(&reference);
         References::write(&self.models.reference, &reference, &files)?;
         println!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
@@ -162,12 +165,6 @@ impl Calibrate {
         } else {
             Err("no references; give --scene, --references or --clicks".into())
         }
-    }
-
-    /// `<object>.jpg`, or `<object>-<index>.jpg` of several.
-    fn file_name(&self, ending: &str, index: usize, several: bool) -> String {
-        let number = if several { format!("-{index}") } else { String::new() };
-        format!("{}{number}.{ending}", self.object)
     }
 }
 

@@ -7,7 +7,7 @@ use clap::Args;
 use image::ImageFormat;
 
 use super::models::ModelArgs;
-use crate::estimator::{Answer, CallerFrames, Estimator, ObjectPose};
+use crate::estimator::{Answer, CallerFrames, Estimator, Frame, ObjectPose, Selection};
 use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext};
@@ -28,6 +28,9 @@ pub(super) struct Estimate {
     /// to the next; add it if rows have padding.
     #[arg(long, value_name = "ENCODING:WIDTHxHEIGHT[:STEP]")]
     raw: Option<RawLayout>,
+    /// Images of another size than the camera's are its full frame, resized: scale the parameters.
+    #[arg(long)]
+    allow_resize: bool,
     /// Print the answers as JSON instead of tables. Several images get one line each.
     #[arg(long)]
     json: bool,
@@ -46,10 +49,11 @@ impl Estimate {
         let camera: Camera = read_json(&self.camera)?;
         let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
         let models = ModelsInUse::new(&library, self.models.provider);
+        let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
             let mut answer = read(path, self.raw)
-                .and_then(|image| estimate(&mut estimator, &image, &camera, &options))
+                .and_then(|image| estimate(&mut estimator, &image, &camera, &selection, &options))
                 .map_err(|error| format!("{}: {error}", path.display()))?;
             if let (Some(out), Some(mut image)) = (self.overlay_path(path), answer.image.take()) {
                 answer.estimate.draw(&mut image);
@@ -90,12 +94,15 @@ fn estimate(
     estimator: &mut Estimator,
     image: &Image,
     camera: &Camera,
+    selection: &Selection,
     options: &DecodeOptions,
 ) -> Result<Answer, Box<dyn Error>> {
     let start = Instant::now();
     let Decoded { image, exif } = decode(image, options)?;
     let decode = start.elapsed();
-    let estimate = estimator.estimate(&image, camera)?;
+    let frame = Frame { selection, ..Frame::new(&image, camera) };
+    // One frame, one answer.
+    let estimate = estimator.estimate_all(&[frame]).swap_remove(0)?;
     Ok(Answer {
         estimate,
         exif,

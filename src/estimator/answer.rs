@@ -15,6 +15,8 @@ use crate::vision::{BoundingBox, ResampleError};
 pub enum EstimateError {
     #[error(transparent)]
     Camera(#[from] CameraError),
+    #[error("{0}. If it is the full frame resized, set 'allow_resize'")]
+    OtherSize(#[source] CameraError),
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
     #[error(transparent)]
@@ -43,6 +45,8 @@ pub enum MeasureError {
     UnknownObject(String),
     #[error("the detector does not find the object; set its box ('box_px'), or choose an image that shows it better")]
     NotSeen,
+    #[error("field 'box_px' is {0:?}, which is outside the image; give x, y, width, height in pixels")]
+    BoxOutside([f64; 4]),
     #[error("the detector finds the object more than once; set the box ('box_px') of the one whose pose is known")]
     SeveralSeen,
     #[error(
@@ -56,7 +60,7 @@ pub enum MeasureError {
     Doubtful { reasons: String },
 }
 
-/// Which poses the caller wants.
+/// What the caller wants of an image.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
     /// Names of objects; all calibrated ones where there is no list.
@@ -65,11 +69,13 @@ pub struct Selection {
     pub max_instances: Option<usize>,
     /// Poses with less [`ObjectPose::confidence`] are left out, 0..1.
     pub min_confidence: f64,
+    /// Whether an image of another size than the camera's is its full frame, resized.
+    pub allow_resize: bool,
 }
 
 impl Selection {
     /// All calibrated objects.
-    pub const ALL: Self = Self { objects: None, max_instances: None, min_confidence: 0.0 };
+    pub const ALL: Self = Self { objects: None, max_instances: None, min_confidence: 0.0, allow_resize: false };
 
     pub(super) fn wants(&self, object: &str) -> bool {
         self.objects.as_ref().is_none_or(|names| names.iter().any(|name| name == object))

@@ -1,6 +1,7 @@
 use thiserror::Error;
 
 use super::answer::MeasureError;
+use super::stated_pose::{StatedPoseError, no_view_twice, origin_is_near};
 use super::verdict::{Reason, Verdict};
 use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
 use crate::vision::BoundingBox;
@@ -31,19 +32,40 @@ pub enum CalibrateError {
     Measure { file: String, source: MeasureError },
     #[error(transparent)]
     Average(#[from] AverageError),
+    #[error(transparent)]
+    StatedPose(#[from] StatedPoseError),
+}
+
+/// How the offset follows from the views.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CalibrateOptions {
+    pub mode: Mode,
+    /// Whether the origin of the object's frame may lie farther from the object than the object is large.
+    pub far_origin: bool,
 }
 
 /// The offset of an object from what its reference images give.
 ///
 /// # Errors
-/// When an image is too weak, or the images contradict each other.
-pub fn calibrate(model: &ObjectModel, views: Vec<MeasuredView>, mode: Mode) -> Result<Reference, CalibrateError> {
+/// When an image is too weak, the images contradict each other, or their stated poses cannot be meant.
+pub fn calibrate(
+    model: &ObjectModel,
+    views: Vec<MeasuredView>,
+    options: CalibrateOptions,
+) -> Result<Reference, CalibrateError> {
+    let CalibrateOptions { mode, far_origin } = options;
+    no_view_twice(&views.iter().map(|view| (view.file.as_str(), &view.camera_from_object)).collect::<Vec<_>>())?;
     let measured = |view: &MeasuredView| {
         let offset = measure_offset(&view.camera_from_object, &view.solution);
         offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })
     };
     let offsets = views.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
     let averaged = average_offsets(model, offsets, mode)?;
+    let agreeing = views.iter().zip(&averaged.residuals).find(|(_, residual)| residual.inlier);
+    if let Some((view, _)) = agreeing.filter(|_| !far_origin) {
+        let (stated, seen) = (&view.camera_from_object, &view.solution.pose);
+        origin_is_near(&averaged.offset, stated, seen, model.manifest.diameter_m)?;
+    }
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
         image: view.file,

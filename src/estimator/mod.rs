@@ -14,6 +14,7 @@ mod pipeline;
 mod prepare;
 mod queue;
 mod solver;
+mod stated_pose;
 mod stats;
 mod verdict;
 mod worker;
@@ -23,12 +24,13 @@ pub use answer::{
     Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
     Selection, SolvedKeypoint, SolvedPose, Timings,
 };
-pub use calibrate::{CalibrateError, MeasuredView, average_offsets, calibrate, measure_offset};
+pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig};
 pub use solver::KeypointSolver;
+pub use stated_pose::StatedPoseError;
 pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
 pub use worker::StartError;

@@ -17,7 +17,7 @@ use posed_core::pnp::Solution;
 /// One image to estimate poses from.
 pub struct Frame<'a> {
     pub image: &'a RgbImage,
-    /// The camera that took it; scaled where the image is the camera's image resized.
+    /// The camera that took it; scaled where the selection allows that and the image is the camera's image resized.
     pub camera: &'a Camera,
     pub selection: &'a Selection,
     /// Asked before each stage; an error where nobody waits for the answer any more.
@@ -85,8 +85,8 @@ impl Estimator {
         let library = Arc::clone(&self.library);
         for (index, model) in library.objects.iter().enumerate() {
             let Some(model) = model else { continue };
-            if let Some(reference) = self.references.get(&model.manifest.name) {
-                self.estimate_object(index, model, &reference.offset, frames, &mut progress);
+            if let Some(in_force) = self.references.get(&model.manifest.name) {
+                self.estimate_object(index, model, &in_force.reference.offset, frames, &mut progress);
             }
         }
         let answers = frames.iter().zip(progress);
@@ -109,8 +109,10 @@ impl Estimator {
         let named = |model: &&ObjectModel| model.manifest.name == object;
         let found = library.objects.iter().enumerate().find_map(|(index, o)| Some((index, o.as_ref().filter(named)?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
+        let camera = &camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
         let region = match region {
-            Some(region) => region,
+            Some(region) if region.overlaps(image.width(), image.height()) => region,
+            Some(region) => return Err(MeasureError::BoxOutside(region.into())),
             None => the_only_box(&self.look_for_objects(&Frame::new(image, camera))?.detections, index)?,
         };
         let network = self.networks.keypoints[index].as_mut();
@@ -139,7 +141,12 @@ impl Estimator {
 
     fn look_for_objects(&mut self, frame: &Frame<'_>) -> Result<Progress, EstimateError> {
         (frame.abandoned)()?;
-        let camera = frame.camera.for_image(frame.image.width(), frame.image.height())?;
+        let (width, height) = frame.image.dimensions();
+        let camera = if frame.selection.allow_resize {
+            frame.camera.for_resized(width, height)?
+        } else {
+            frame.camera.for_image(width, height).map_err(EstimateError::OtherSize)?
+        };
         let manifest = &self.library.detector.manifest;
         let (mut detections, elapsed) =
             detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image)?;

@@ -20,5 +20,5 @@ pub use networks::Networks;
 pub use provider::Provider;
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
-pub use references::References;
+pub use references::{FileVersion, InForce, References};
 pub use runtime::{Runtime, available_cores};

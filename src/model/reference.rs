@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::manifest::{ManifestError, read_json};
+use super::manifest::{ManifestError, read_bytes};
 use posed_core::calibration::{Mode, Offset};
 use posed_core::geometry::{Camera, Covariance6, Pose, PoseError};
 
@@ -22,7 +22,7 @@ pub enum ReferenceError {
         path.display()
     )]
     OtherModel { path: PathBuf, object: String, stated: String, found: String },
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}: {source}; the server needs write access to the folder of references", path.display())]
     Write { path: PathBuf, source: std::io::Error },
 }
 
@@ -115,7 +115,13 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`] names the file and the field, or says how to recalibrate.
     pub fn read(path: &Path, keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
-        let file: ReferenceFile = read_json(path)?;
+        Self::parse(path, &read_bytes(path)?, keypoint_model_sha256)
+    }
+
+    /// As [`read`](Self::read), of what is in the file.
+    pub(super) fn parse(path: &Path, bytes: &[u8], keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
+        let unreadable = |source| ManifestError::Json { path: path.into(), source };
+        let file: ReferenceFile = serde_json::from_slice(bytes).map_err(unreadable)?;
         if !file.keypoint_model_sha256.eq_ignore_ascii_case(keypoint_model_sha256) {
             return Err(ReferenceError::OtherModel {
                 path: path.into(),

@@ -1,14 +1,34 @@
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
+use std::time::SystemTime;
 
 use super::library::{Library, ObjectModel};
+use super::manifest::{ManifestError, read_bytes, sha256_hex};
 use super::reference::{Reference, ReferenceError, write_atomically};
 
 /// The references in force. Replacing one takes effect with the next image.
 pub struct References {
     folder: PathBuf,
-    by_object: RwLock<BTreeMap<String, Arc<Reference>>>,
+    by_object: RwLock<BTreeMap<String, Arc<InForce>>>,
+}
+
+/// A reference, and which file it came from.
+#[derive(Clone, Debug)]
+pub struct InForce {
+    pub reference: Reference,
+    pub sha256: String,
+    pub version: FileVersion,
+}
+
+/// What changes when a file does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileVersion {
+    pub modified: SystemTime,
+    bytes: u64,
+    /// A file that is renamed to this name within the clock's resolution is another one.
+    node: u64,
 }
 
 impl References {
@@ -19,8 +39,8 @@ impl References {
     pub fn load(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
         let references = Self { folder: folder.into(), by_object: RwLock::default() };
         for object in library.known() {
-            if let Some(reference) = Self::read(folder, object)? {
-                references.put(reference);
+            if references.path(object).exists() {
+                references.reload(object)?;
             }
         }
         Ok(references)
@@ -38,9 +58,35 @@ impl References {
 
     /// The reference of an object, if it is calibrated.
     #[must_use]
-    pub fn get(&self, object: &str) -> Option<Arc<Reference>> {
+    pub fn get(&self, object: &str) -> Option<Arc<InForce>> {
         // A map of whole references is valid whoever panicked beside it.
         self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object).cloned()
+    }
+
+    /// The file of an object's reference as it is now, where that is not the one in force: another process may have
+    /// replaced it.
+    #[must_use]
+    pub fn changed(&self, object: &ObjectModel) -> Option<FileVersion> {
+        let version = FileVersion::of(&self.path(object)).ok()?;
+        let in_force = self.get(&object.manifest.name);
+        in_force.is_none_or(|in_force| in_force.version != version).then_some(version)
+    }
+
+    /// Puts into force what an object's file says.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] names the file, and the field where there is one; the old reference stays in force.
+    pub fn reload(&self, object: &ObjectModel) -> Result<Arc<InForce>, ReferenceError> {
+        let path = self.path(object);
+        // Before the file is read: what is written meanwhile is noticed later.
+        let unreadable = |source| ManifestError::Read { path: path.clone(), source };
+        let version = FileVersion::of(&path).map_err(unreadable)?;
+        let bytes = read_bytes(&path)?;
+        let reference = Reference::parse(&path, &bytes, &object.manifest.model_sha256)?;
+        let in_force = Arc::new(InForce { reference, sha256: sha256_hex(&bytes), version });
+        let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
+        by_object.insert(object.manifest.name.clone(), Arc::clone(&in_force));
+        Ok(in_force)
     }
 
     /// Writes a reference with its images, then puts it into force. Readers of the folder see the old reference or the
@@ -48,23 +94,58 @@ impl References {
     ///
     /// # Errors
     /// When the folder cannot be written to; the old reference stays in force.
-    pub fn replace(&self, reference: Reference, images: &[(String, Vec<u8>)]) -> Result<(), ReferenceError> {
-        Self::write(&self.folder, &reference, images)?;
-        self.put(reference);
-        Ok(())
+    pub fn replace(
+        &self,
+        object: &ObjectModel,
+        reference: &Reference,
+        images: &[(String, Vec<u8>)],
+    ) -> Result<Arc<InForce>, ReferenceError> {
+        Self::write(&self.folder, reference, images)?;
+        self.reload(object)
     }
 
-    /// Writes a reference with its images.
+    /// Writes a reference with its images, whose names are those of [`image_name`](Self::image_name): no file that the
+    /// old reference names is touched before the new one is in place, and none is left behind.
     ///
     /// # Errors
-    /// When the folder cannot be written to.
+    /// When the folder cannot be written to; what it held is as it was.
     pub fn write(folder: &Path, reference: &Reference, images: &[(String, Vec<u8>)]) -> Result<(), ReferenceError> {
-        // The images first: a reference must never name an image that is not there.
-        for (name, bytes) in images {
-            let path = folder.join(name);
-            write_atomically(&path, bytes).map_err(|source| ReferenceError::Write { path, source })?;
+        let path = folder.join(format!("{}.json", reference.object));
+        let old = images_of(&path);
+        let mut written = Vec::new();
+        let result = (|| {
+            // The images first: a reference must never name an image that is not there.
+            for (name, bytes) in images {
+                let path = folder.join(name);
+                if !path.exists() {
+                    write_atomically(&path, bytes).map_err(|source| ReferenceError::Write { path, source })?;
+                    written.push(name.clone());
+                }
+            }
+            reference.write(&path)
+        })();
+        let kept = |name: &String| images.iter().any(|(image, _)| image == name);
+        let left_over = if result.is_ok() { old.into_iter().filter(|name| !kept(name)).collect() } else { written };
+        for name in left_over {
+            // A file too many does no harm.
+            let _ = fs::remove_file(folder.join(name));
         }
-        reference.write(&folder.join(format!("{}.json", reference.object)))
+        result
+    }
+
+    /// What an image of an object's reference is called: by what is in it, so that a new one never overwrites another.
+    #[must_use]
+    pub fn image_name(object: &str, image: &[u8], ending: &str) -> String {
+        format!("{object}-{}.{ending}", &sha256_hex(image)[..12])
+    }
+
+    /// Fails where references cannot be written.
+    ///
+    /// # Errors
+    /// [`ReferenceError::Write`] names the folder.
+    pub fn check_writable(&self) -> Result<(), ReferenceError> {
+        let written = fs::create_dir_all(&self.folder).and_then(|()| tempfile::tempfile_in(&self.folder).map(drop));
+        written.map_err(|source| ReferenceError::Write { path: self.folder.clone(), source })
     }
 
     /// Where the references lie.
@@ -73,8 +154,30 @@ impl References {
         &self.folder
     }
 
-    fn put(&self, reference: Reference) {
-        let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
-        by_object.insert(reference.object.clone(), Arc::new(reference));
+    fn path(&self, object: &ObjectModel) -> PathBuf {
+        self.folder.join(format!("{}.json", object.manifest.name))
     }
+}
+
+impl FileVersion {
+    fn of(path: &Path) -> std::io::Result<Self> {
+        use std::os::unix::fs::MetadataExt as _;
+        let metadata = fs::metadata(path)?;
+        Ok(Self { modified: metadata.modified()?, bytes: metadata.len(), node: metadata.ino() })
+    }
+}
+
+/// The images that a reference file names and that lie beside it.
+fn images_of(reference: &Path) -> Vec<String> {
+    #[derive(serde::Deserialize)]
+    struct Names {
+        references: Vec<Name>,
+    }
+    #[derive(serde::Deserialize)]
+    struct Name {
+        image: String,
+    }
+    let names = fs::read(reference).ok().and_then(|bytes| serde_json::from_slice::<Names>(&bytes).ok());
+    let names = names.into_iter().flat_map(|names| names.references).map(|name| name.image);
+    names.filter(|name| Path::new(name).file_name().is_some_and(|file| file == name.as_str())).collect()
 }

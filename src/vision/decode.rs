@@ -46,9 +46,10 @@ pub fn decode(image: &Image, options: &DecodeOptions) -> Result<Decoded, DecodeE
 fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
     let header = EncodedHeader::read(bytes)?;
     header.checked(options)?;
-    let bytes = match header.format {
-        ImageFormat::Jpeg => jpeg::whole(bytes).map_err(|fault| damaged(ImageFormat::Jpeg, &fault))?,
-        _ => Cow::Borrowed(bytes),
+    let bytes = if header.format == ImageFormat::Jpeg {
+        jpeg::whole(bytes).map_err(|fault| damaged(ImageFormat::Jpeg, &fault))?
+    } else {
+        Cow::Borrowed(bytes)
     };
     let mut reader = ImageReader::with_format(Cursor::new(&*bytes), header.format);
     let mut limits = Limits::no_limits();

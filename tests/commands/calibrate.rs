@@ -1,9 +1,10 @@
 //! `posed calibrate` and `posed evaluate`.
 
 use std::fs;
+use std::path::Path;
 
 use posed_core::geometry::Pose;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::SCENE;
 use crate::support::{assert_within, copy_of, explanation, run, samples};
@@ -16,7 +17,8 @@ fn calibrate_makes_a_reference_that_works() {
     for object in ["cube", "bracket", "motor", "link"] {
         let output = run(&["calibrate", object, "--scene", SCENE, "--image", "0", "--reference", folder]);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        assert!(reference.path().join(format!("{object}.jpg")).is_file());
+        let image = &reference_file(reference.path(), object)["references"][0]["image"];
+        assert!(reference.path().join(image.as_str().unwrap()).is_file());
     }
     let sample = &samples()[0];
     let image = sample.file.to_str().unwrap();
@@ -24,6 +26,57 @@ fn calibrate_makes_a_reference_that_works() {
     let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
     // This reference image shows the objects smaller than the shipped ones do, so its offset is less exact.
     assert_within(sample, &answer, 0.25);
+}
+
+fn reference_file(folder: &Path, object: &str) -> Value {
+    serde_json::from_slice(&fs::read(folder.join(format!("{object}.json"))).unwrap()).unwrap()
+}
+
+/// Each mistake that people make with poses is refused with what it looks like; nothing is written.
+#[test]
+fn calibrate_guesses_what_is_wrong_with_a_pose() {
+    let folder = tempfile::tempdir().unwrap();
+    let reference = folder.path().join("reference");
+    let image = fs::canonicalize(Path::new(SCENE).join("rgb/000000.jpg")).unwrap();
+    let entry = |file: &str| -> Value {
+        serde_json::from_slice::<Value>(&fs::read(Path::new(SCENE).join(file)).unwrap()).unwrap()["0"].take()
+    };
+    let truth = entry("scene_gt.json").as_array().unwrap().iter().find(|truth| truth["obj_id"] == 1).unwrap().clone();
+    let index = entry("scene_gt.json").as_array().unwrap().iter().position(|truth| truth["obj_id"] == 1).unwrap();
+    let box_px = entry("scene_gt_info.json")[index]["bbox_visib"].clone();
+    let k: Vec<f64> = serde_json::from_value(entry("scene_camera.json")["cam_K"].clone()).unwrap();
+    let camera = json!({"model": "pinhole", "fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5]});
+    let numbers = |field: &str| serde_json::from_value::<Vec<f64>>(truth[field].clone()).unwrap();
+    let metres: Vec<f64> = numbers("cam_t_m2c").iter().map(|mm| mm / 1e3).collect();
+    let right = Pose::from_row_major(numbers("cam_R_m2c").try_into().unwrap(), metres.try_into().unwrap()).unwrap();
+    let moved = |factor: f64, by: [f64; 3]| {
+        let [x, y, z] = right.translation_m();
+        Pose::from_quaternion_xyzw(right.rotation_xyzw(), [x * factor + by[0], y * factor + by[1], z * factor + by[2]])
+            .unwrap()
+    };
+    let attempt = |poses: &[Pose], extra: &[&str]| {
+        let entry = |pose: &Pose| {
+            let stated = json!({"rotation_xyzw": pose.rotation_xyzw(), "translation_m": pose.translation_m()});
+            json!({"image": image, "camera": camera, "camera_from_object": stated, "box_px": box_px})
+        };
+        let file = folder.path().join("known.json");
+        fs::write(&file, json!(poses.iter().map(entry).collect::<Vec<_>>()).to_string()).unwrap();
+        let (file, reference) = (file.to_str().unwrap(), reference.to_str().unwrap());
+        run(&[&["calibrate", "cube", "--references", file, "--reference", reference], extra].concat())
+    };
+    for (poses, words) in [
+        (vec![moved(1e3, [0.0; 3])], "in millimetres"),
+        (vec![right.inverse()], "object_from_camera"),
+        (vec![moved(1.0, [0.2, 0.0, 0.0])], "another object or image"),
+        (vec![moved(-1.0, [0.0; 3])], "another object or image"),
+        (vec![right, right], "same pose"),
+    ] {
+        let message = explanation(&attempt(&poses, &[]));
+        assert!(message.contains(words), "{words}: {message}");
+        assert!(!reference.exists(), "something was written");
+    }
+    assert!(attempt(&[right], &[]).status.success());
+    assert!(attempt(&[moved(1.0, [0.2, 0.0, 0.0])], &["--far-origin"]).status.success());
 }
 
 /// A scene of the same image several times; its objects' stated poses are shifted by these lengths (mm).
@@ -68,14 +121,12 @@ fn calibrate_leaves_out_a_wrong_reference() {
     for mode in ["paper", "weighted"] {
         let output = calibrate(&[0.0, 200.0, 4.0], mode);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let file = fs::read(reference.path().join("cube.json")).unwrap();
-        let made: Value = serde_json::from_slice(&file).unwrap();
+        let made = reference_file(reference.path(), "cube");
         assert_eq!(made["method"], mode);
         let inliers: Vec<_> = made["references"].as_array().unwrap().iter().map(|r| r["inlier"].clone()).collect();
         assert_eq!(inliers, [true, false, true]);
         // Both good ones are 2 mm from their mean.
         assert!((made["references"][0]["residual_mm"].as_f64().unwrap() - 2.0).abs() < 0.01);
-        assert!(reference.path().join("cube-2.jpg").is_file());
     }
     assert!(explanation(&calibrate(&[0.0, 200.0], "weighted")).contains("1 of 2 references agree"));
 }
@@ -170,8 +221,7 @@ fn calibrate_takes_known_poses_and_clicks() {
         let text = String::from_utf8(output.stdout.clone()).unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(text.contains("view from the side"), "one view knows its depth least: {text}");
-        let file = fs::read(reference.path().join("cube.json")).unwrap();
-        let made: Value = serde_json::from_slice(&file).unwrap();
+        let made = reference_file(reference.path(), "cube");
         let offset = &made["object_from_keypoints"];
         let rotation = serde_json::from_value(offset["rotation_xyzw"].clone()).unwrap();
         Pose::from_quaternion_xyzw(rotation, serde_json::from_value(offset["translation_m"].clone()).unwrap()).unwrap()

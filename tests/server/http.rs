@@ -99,20 +99,28 @@ async fn bad_cameras_are_refused_by_name() {
     assert_still_works(&server).await;
 }
 
-/// The camera of a resized image is scaled, and the poses stay where they are; a crop is refused.
+/// The camera of a resized image is scaled where the caller says that it is one, and the poses stay where they are. Nothing else
+/// tells it from a region of the same shape, whose poses would move.
 #[tokio::test]
-async fn a_resized_image_has_its_camera_scaled_and_a_crop_is_refused() {
+async fn a_resized_image_has_its_camera_scaled_where_the_caller_says_so() {
     let server = Server::start(&[]);
     let sample = &samples()[0];
     let image = image::open(&sample.file).unwrap();
     let doubled = image.resize_exact(1280, 960, image::imageops::FilterType::CatmullRom);
-    let answer = json(post(&server, "camera=demo", png(&doubled)).await).await;
+    let answer = json(post(&server, "camera=demo&allow_resize=true", png(&doubled)).await).await;
     assert_right(sample, &answer);
     assert_eq!(answer["image"]["camera_scaled_from"], serde_json::json!([640, 480]));
 
-    let response = post(&server, "camera=demo", png(&image.crop_imm(0, 0, 600, 480))).await;
-    assert_eq!(response.status(), StatusCode::BAD_REQUEST);
-    assert!(error(response).await.1.contains("640x480"));
+    for (query, image, words) in [
+        ("camera=demo", doubled, "'allow_resize'"),
+        ("camera=demo", image.crop_imm(160, 120, 320, 240), "subtracted from cx and cy"),
+        ("camera=demo&allow_resize=true", image.crop_imm(0, 0, 600, 480), "640x480"),
+    ] {
+        let response = post(&server, query, png(&image)).await;
+        assert_eq!(response.status(), StatusCode::BAD_REQUEST, "{query}");
+        let message = error(response).await.1;
+        assert!(message.contains(words), "{query}: {message}");
+    }
 }
 
 #[tokio::test]

@@ -21,12 +21,27 @@ pub enum PoseError {
     NotUnit { norm: f64 },
     #[error("3x3 block is not a rotation: it deviates from one by {deviation:.1e} (tolerance 1e-3)")]
     NotRotation { deviation: f64 },
+    #[error("translation of {metres} m; it must be below {MAX_TRANSLATION_M} m")]
+    TooFar { metres: f64 },
     #[error("last row of a 4x4 transform must be 0 0 0 1")]
     LastRow,
 }
 
 /// Numbers printed with a few digits are accepted and projected onto the nearest rotation.
 const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// Farther than this nothing is seen, and the squares of such numbers are no numbers.
+const MAX_TRANSLATION_M: f64 = 1e9;
+
+fn check_numbers(rotation: &[f64], translation_m: &[f64; 3]) -> Result<(), PoseError> {
+    if !rotation.iter().chain(translation_m).all(|v| v.is_finite()) {
+        return Err(PoseError::NotFinite);
+    }
+    match translation_m.iter().find(|v| v.abs() > MAX_TRANSLATION_M) {
+        Some(metres) => Err(PoseError::TooFar { metres: *metres }),
+        None => Ok(()),
+    }
+}
 
 impl Pose {
     /// A pose from parts that are already a rotation and a translation in metres.
@@ -46,9 +61,7 @@ impl Pose {
     /// # Errors
     /// When a value is not finite or the quaternion's norm is not 1 within 1e-3.
     pub fn from_quaternion_xyzw(xyzw: [f64; 4], translation_m: [f64; 3]) -> Result<Self, PoseError> {
-        if !xyzw.iter().chain(&translation_m).all(|v| v.is_finite()) {
-            return Err(PoseError::NotFinite);
-        }
+        check_numbers(&xyzw, &translation_m)?;
         let quaternion = Quaternion::new(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
         let norm = quaternion.norm();
         if (norm - 1.0).abs() > ROTATION_TOLERANCE {
@@ -63,9 +76,7 @@ impl Pose {
     /// # Errors
     /// When a value is not finite, or the matrix deviates from a rotation by more than 1e-3.
     pub fn from_row_major(rotation: [f64; 9], translation_m: [f64; 3]) -> Result<Self, PoseError> {
-        if !rotation.iter().chain(&translation_m).all(|v| v.is_finite()) {
-            return Err(PoseError::NotFinite);
-        }
+        check_numbers(&rotation, &translation_m)?;
         let matrix = Matrix3::from_row_slice(&rotation);
         let nearest = nearest_rotation(&matrix);
         let deviation = (nearest.matrix() - matrix).norm();

@@ -35,8 +35,8 @@ pub(super) fn read_manifest<T: DeserializeOwned>(
 
 /// Reads a model file and checks it against the hash that its manifest states.
 pub(in crate::model) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>, ManifestError> {
-    let bytes = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
-    let found = hex(&Sha256::digest(&bytes));
+    let bytes = read_bytes(path)?;
+    let found = sha256_hex(&bytes);
     if !found.eq_ignore_ascii_case(stated) {
         return Err(ManifestError::Hash { path: path.into(), stated: stated.into(), found });
     }
@@ -53,14 +53,17 @@ pub(super) fn check_name(name: &str) -> Result<(), String> {
     }
 }
 
-pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
-    let text = fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })?;
-    serde_json::from_slice(&text).map_err(|source| ManifestError::Json { path: path.into(), source })
+pub(in crate::model) fn read_bytes(path: &Path) -> Result<Vec<u8>, ManifestError> {
+    fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
+    serde_json::from_slice(&read_bytes(path)?).map_err(|source| ManifestError::Json { path: path.into(), source })
+}
+
+pub(in crate::model) fn sha256_hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
+    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
         // Writing to a string cannot fail.
         let _ = write!(text, "{byte:02x}");
         text

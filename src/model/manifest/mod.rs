@@ -8,6 +8,6 @@ mod keypoint;
 pub use detector::{DetectorFormat, DetectorInput, DetectorManifest, Placement};
 pub use file::ManifestError;
 pub(crate) use file::read_json;
-pub(super) use file::read_model;
+pub(super) use file::{read_bytes, read_model, sha256_hex};
 pub use input::{ElementType, Layout, Normalisation};
 pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput, SecondLook};

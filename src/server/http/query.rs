@@ -30,6 +30,8 @@ pub(super) struct EstimateQuery {
     max_instances: Option<usize>,
     /// Minimum confidence, 0..1. The answer omits poses below it.
     min_confidence: Option<f64>,
+    /// Whether an image of another size than the camera's is its full frame, resized: the parameters are then scaled.
+    allow_resize: bool,
     /// Your label for the image, such as its capture time. The answer repeats it. At most 64 characters.
     captured_at: Option<String>,
     /// Encoding of a raw frame, with its name in ROS `sensor_msgs/Image`. If set, the body is a raw frame whatever its
@@ -66,6 +68,7 @@ impl EstimateQuery {
             objects: self.objects.map(|names| names.split(',').map(|name| name.trim().to_owned()).collect()),
             max_instances: self.max_instances,
             min_confidence: self.min_confidence,
+            allow_resize: self.allow_resize,
             frames: CallerFrames::default(),
             captured_at: self.captured_at,
         };

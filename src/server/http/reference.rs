@@ -6,6 +6,7 @@ use axum::Json;
 use axum::extract::{Path, Request, State};
 
 use super::form::{self, Form};
+use crate::estimator::CalibrateOptions;
 use crate::server::api::json::{ErrorBody, ReferenceReport, ReferenceRequest};
 use crate::server::service::{Failure, Recalibration, Service};
 
@@ -45,8 +46,8 @@ pub(super) async fn replace(
     let body = form::lease(&request)?;
     let Form { images, request } = form::read_form::<ReferenceRequest>(&service, request, deadline).await?;
     let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one with the known poses"))?;
-    let mode = request.mode;
+    let options = CalibrateOptions { mode: request.mode, far_origin: request.far_origin };
     let views = request.views(images)?;
-    let reference = service.recalibrate(Recalibration { object, views, mode, body, deadline }).await?;
-    Ok(Json((&reference).into()))
+    let reference = service.recalibrate(Recalibration { object, views, options, body, deadline }).await?;
+    Ok(Json((&*reference).into()))
 }

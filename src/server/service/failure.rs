@@ -103,6 +103,7 @@ impl From<QueueError> for Failure {
                 MeasureError::Estimate(estimate) => of_estimate(estimate),
                 MeasureError::UnknownObject(_) => FailureKind::UnknownObject,
                 MeasureError::Solve(_)
+                | MeasureError::BoxOutside(_)
                 | MeasureError::NotSeen
                 | MeasureError::SeveralSeen
                 | MeasureError::FewInliers { .. }
@@ -132,7 +133,7 @@ fn of_decode(error: &DecodeError) -> FailureKind {
 
 fn of_estimate(error: &EstimateError) -> FailureKind {
     match error {
-        EstimateError::Camera(_) => FailureKind::InvalidRequest,
+        EstimateError::Camera(_) | EstimateError::OtherSize(_) => FailureKind::InvalidRequest,
         EstimateError::Abandoned(_) => FailureKind::TimedOut,
         EstimateError::Runtime(_) | EstimateError::Resample(_) => FailureKind::Internal,
     }

@@ -13,6 +13,7 @@ mod recalibrate;
 mod recent;
 mod state;
 mod status;
+mod watch;
 
 pub(crate) use estimate::PoseWork;
 pub(crate) use failure::{Failure, FailureKind};

@@ -6,12 +6,12 @@ use posed_core::geometry::Camera;
 
 use super::failure::{Failure, FailureKind};
 use super::state::Service;
-use crate::model::{ObjectModel, Reference};
+use crate::model::{InForce, ObjectModel};
 
 /// A known object, and its reference if it is calibrated.
 pub(crate) struct KnownObject<'a> {
     pub model: &'a ObjectModel,
-    pub reference: Option<Arc<Reference>>,
+    pub reference: Option<Arc<InForce>>,
 }
 
 impl Service {

@@ -25,6 +25,7 @@ pub(crate) struct PoseRequest {
     pub objects: Option<Vec<String>>,
     pub max_instances: Option<usize>,
     pub min_confidence: Option<f64>,
+    pub allow_resize: bool,
     pub frames: CallerFrames,
     /// The caller's own mark of the image.
     pub captured_at: Option<String>,
@@ -54,7 +55,7 @@ impl PoseRequest {
 impl Service {
     /// Checks a request against what there is.
     pub(crate) fn options(&self, request: PoseRequest) -> Result<Options, Failure> {
-        let PoseRequest { camera, objects, max_instances, min_confidence, frames, captured_at } = request;
+        let PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, frames, captured_at } = request;
         let no_camera = || Failure::invalid("no camera; set the id of a registered camera, or its parameters");
         let camera = self.camera(camera.ok_or_else(no_camera)?)?;
         PoseRequest::check_names(objects.as_deref())?;
@@ -77,7 +78,7 @@ impl Service {
             let message = format!("field 'captured_at' exceeds the limit of {MAX_MARK_CHARS} characters");
             return Err(Failure::invalid(message));
         }
-        let selection = Selection { objects, max_instances, min_confidence };
+        let selection = Selection { objects, max_instances, min_confidence, allow_resize };
         Ok(Options { camera, selection, frames, captured_at })
     }
 

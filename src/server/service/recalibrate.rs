@@ -3,15 +3,14 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use posed_core::calibration::Mode;
 use posed_core::geometry::Pose;
 use tokio::sync::Mutex;
 
 use super::failure::{Failure, FailureKind};
 use super::options::CameraChoice;
 use super::state::Service;
-use crate::estimator::{BodyLease, MeasuredView, ReferenceWork, calibrate};
-use crate::model::{ObjectModel, Reference};
+use crate::estimator::{Abandoned, BodyLease, CalibrateOptions, MeasuredView, QueueError, ReferenceWork, calibrate};
+use crate::model::{InForce, References};
 use crate::vision::{BoundingBox, Image};
 
 /// What is known of one reference image.
@@ -27,7 +26,7 @@ pub(crate) struct KnownView {
 pub(crate) struct Recalibration {
     pub object: String,
     pub views: Vec<KnownView>,
-    pub mode: Mode,
+    pub options: CalibrateOptions,
     /// The room that the images take.
     pub body: Arc<BodyLease>,
     pub deadline: Instant,
@@ -40,21 +39,22 @@ impl Service {
         self.model(object).map(drop)
     }
 
-    fn one_at_a_time(&self) -> Result<&Mutex<()>, Failure> {
+    fn one_at_a_time(&self) -> Result<&Arc<Mutex<()>>, Failure> {
         let message = "recalibration is off; start the server with --recalibration, or use `posed calibrate`";
         self.recalibration.as_ref().ok_or_else(|| Failure::new(FailureKind::Forbidden, message))
     }
 
     /// Measures an object's offset anew and puts it into force.
-    pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<Reference, Failure> {
-        let Recalibration { object, views, mode, body, deadline } = asked;
-        let one_at_a_time = self.one_at_a_time()?;
-        let model = self.model(&object)?;
-        let _turn = one_at_a_time.lock().await;
+    pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<Arc<InForce>, Failure> {
+        let Recalibration { object, views, options, body, deadline } = asked;
+        let one_at_a_time = Arc::clone(self.one_at_a_time()?);
+        self.model(&object)?;
+        let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
+        let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
-        for (index, view) in views.into_iter().enumerate() {
-            let file = file_name(&object, index, &view.image);
+        for view in views {
+            let file = file_name(&object, &view.image);
             let camera = self.camera(view.camera)?;
             let work = ReferenceWork {
                 image: Image::Encoded(view.image.clone()),
@@ -69,31 +69,28 @@ impl Service {
             measured.push(MeasuredView { file: file.clone(), camera, camera_from_object, region, solution });
             files.push((file, view.image.to_vec()));
         }
-        self.put_into_force(model, measured, files, mode).await
-    }
-
-    async fn put_into_force(
-        &self,
-        model: &ObjectModel,
-        views: Vec<MeasuredView>,
-        files: Vec<(String, Vec<u8>)>,
-        mode: Mode,
-    ) -> Result<Reference, Failure> {
-        let reference = calibrate(model, views, mode)?;
-        let (references, new) = (Arc::clone(&self.references), reference.clone());
-        let written = tokio::task::spawn_blocking(move || references.replace(new, &files)).await;
+        let reference = calibrate(self.model(&object)?, measured, options)?;
+        let (references, library, name) = (Arc::clone(&self.references), Arc::clone(&self.library), object.clone());
+        let write = move || {
+            // The turn ends when the files are written, even if the caller is gone by then.
+            let _turn = turn;
+            library.object(&name).map(|model| references.replace(model, &reference, &files))
+        };
+        let written = tokio::task::spawn_blocking(write).await;
         let failed = |error: String| {
             tracing::error!(error, "a reference could not be written");
             Failure::new(FailureKind::Internal, format!("{error}; the old reference remains in use"))
         };
-        written.map_err(|error| failed(error.to_string()))?.map_err(|error| failed(error.to_string()))?;
-        tracing::info!("{} has a new reference", reference.object);
-        Ok(reference)
+        let written = written.map_err(|error| failed(error.to_string()))?.transpose();
+        let in_force = written.map_err(|error| failed(error.to_string()))?;
+        let in_force = in_force.ok_or_else(|| Failure::new(FailureKind::UnknownObject, "the object is gone"))?;
+        tracing::info!("{object} has a new reference (sha256 {})", in_force.sha256);
+        Ok(in_force)
     }
 }
 
-fn file_name(object: &str, index: usize, image: &[u8]) -> String {
+fn file_name(object: &str, image: &[u8]) -> String {
     let format = image::guess_format(image).ok();
     let extension = format.and_then(|format| format.extensions_str().first().copied()).unwrap_or("jpg");
-    format!("{object}-{index}.{extension}")
+    References::image_name(object, image, extension)
 }

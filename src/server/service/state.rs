@@ -9,6 +9,7 @@ use super::cameras::{CameraFolderError, Cameras};
 use super::limits::{Connections, Limits};
 use super::metrics::Metrics;
 use super::recent::Recent;
+use super::watch;
 use crate::estimator::{Estimator, Queue, StartError};
 use crate::model::{Backend as _, Library, LoadError, ModelsInUse, References, Runtime};
 use crate::server::settings::Config;
@@ -26,7 +27,7 @@ pub(crate) struct Service {
     /// Turns of images that come in batches.
     pub(super) batch_turns: tokio::sync::Semaphore,
     /// There where clients may replace references. One at a time: two of one object would mix their images.
-    pub(super) recalibration: Option<tokio::sync::Mutex<()>>,
+    pub(super) recalibration: Option<Arc<tokio::sync::Mutex<()>>>,
 }
 
 /// A request at its end.
@@ -59,6 +60,10 @@ impl Service {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
         let library = Arc::new(Library::load(&config.models)?);
         let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
+        if config.recalibration {
+            references.check_writable().map_err(LoadError::from)?;
+        }
+        watch::references(&references, &library);
         tell_what_is_served(&library, &references, config);
         let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
         let models = ModelsInUse::new(&library, runtime.provider());
@@ -68,7 +73,7 @@ impl Service {
         let queue = Queue::start(config.queue(), make)?;
         let limits = Limits::new(config, working_bytes, connections);
         let metrics = Metrics::new(queue.clone(), &models, &limits);
-        let recalibration = config.recalibration.then(|| tokio::sync::Mutex::new(()));
+        let recalibration = config.recalibration.then(Arc::default);
         let (recent, batch_turns) = (Recent::default(), tokio::sync::Semaphore::new(limits.batch_places()));
         Ok(Self { queue, library, references, cameras, models, limits, metrics, recent, batch_turns, recalibration })
     }

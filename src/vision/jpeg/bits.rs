@@ -20,7 +20,7 @@ impl<'a> Bits<'a> {
         self.fill();
         let window =
             if self.count < count { self.buffer << (count - self.count) } else { self.buffer >> (self.count - count) };
-        (window & ((1 << count) - 1)) as u32
+        u32::try_from(window & ((1 << count) - 1)).unwrap_or_default()
     }
 
     /// Uses bits that were peeked at.

@@ -101,7 +101,7 @@ impl Progressive<'_> {
         if self.empty_blocks > 0 {
             if self.refines && k <= self.last {
                 let rest = u64::MAX >> (63 - self.last) & u64::MAX << k;
-                self.refine(bits, (*nonzero & rest).count_ones())?;
+                refine(bits, (*nonzero & rest).count_ones())?;
             }
             self.empty_blocks -= 1;
         }
@@ -116,7 +116,7 @@ impl Progressive<'_> {
         let (mut k, mut left) = (from, zeros);
         while k <= self.last {
             if nonzero >> k & 1 == 1 {
-                self.refine(bits, 1)?;
+                refine(bits, 1)?;
             } else if left == 0 {
                 break;
             } else {
@@ -126,8 +126,9 @@ impl Progressive<'_> {
         }
         Ok(k)
     }
+}
 
-    fn refine(&self, bits: &mut Bits<'_>, count: u32) -> Result<(), Fault> {
-        (0..count).try_for_each(|_| bits.take(1).map(|_| ()))
-    }
+/// A bit for each coefficient that is known.
+fn refine(bits: &mut Bits<'_>, count: u32) -> Result<(), Fault> {
+    (0..count).try_for_each(|_| bits.take(1).map(|_| ()))
 }

@@ -33,7 +33,9 @@ impl Scan {
             Ok(Part { component, dc: usize::from(stated[1] >> 4), ac: usize::from(stated[1] & 15) })
         };
         let parts: Vec<Part> = stated.chunks_exact(2).map(part).collect::<Result<_, Fault>>()?;
-        parts.iter().for_each(|part| frame.quantise(part.component, steps));
+        for part in &parts {
+            frame.quantise(part.component, steps);
+        }
         if parts.is_empty() || parts.iter().any(|part| part.dc > 3 || part.ac > 3) {
             return Err("a scan has no components or names a table that cannot be".into());
         }
@@ -93,7 +95,9 @@ impl Scan {
         }
         reader.finish_interval()?;
         if self.first == 0 {
-            self.parts.iter().for_each(|part| frame.components[part.component].seen = true);
+            for part in &self.parts {
+                frame.components[part.component].seen = true;
+            }
         }
         Ok(reader.bits.end())
     }

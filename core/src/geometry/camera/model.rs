@@ -43,8 +43,8 @@ pub enum CameraError {
     #[error("camera fields 'width' and 'height' must both be given, and positive")]
     Size,
     #[error(
-        "camera is calibrated for {calibrated_width}x{calibrated_height} pixels, but the image is {width}x{height}; use the \
-         full frame, or a camera for this size"
+        "camera is calibrated for {calibrated_width}x{calibrated_height} pixels, but the image is {width}x{height}; give the \
+         parameters of this image. Of a region, fx and fy stay, and its left and top edges are subtracted from cx and cy"
     )]
     ImageSize { calibrated_width: u32, calibrated_height: u32, width: u32, height: u32 },
     #[error(
@@ -125,12 +125,26 @@ impl Camera {
         self.size
     }
 
-    /// The camera of an image of this size: the same camera where it states this size or none, and a scaled one where
-    /// the image is the camera's image resized as a whole. A lens model is not changed by a resize.
+    /// The camera of an image of this size: this camera, where it states this size or none.
     ///
     /// # Errors
-    /// When the image has another shape, as a crop has.
+    /// When it states another size. Nothing tells a resized image from a region of the same shape, and the wrong guess
+    /// moves every pose: see [`for_resized`](Self::for_resized).
     pub fn for_image(&self, width: u32, height: u32) -> Result<Self, CameraError> {
+        match self.size {
+            Some((calibrated_width, calibrated_height)) if (calibrated_width, calibrated_height) != (width, height) => {
+                Err(CameraError::ImageSize { calibrated_width, calibrated_height, width, height })
+            }
+            Some(_) | None => Ok(self.clone()),
+        }
+    }
+
+    /// The camera of an image of this size that is the camera's full frame, resized. A lens model is not changed by a
+    /// resize.
+    ///
+    /// # Errors
+    /// When the image has another shape, as most regions have.
+    pub fn for_resized(&self, width: u32, height: u32) -> Result<Self, CameraError> {
         let Some((calibrated_width, calibrated_height)) = self.size.filter(|size| *size != (width, height)) else {
             return Ok(self.clone());
         };
@@ -260,14 +274,15 @@ pub(super) mod tests {
             let camera = camera.with_size(640, 480).unwrap();
             let [width, height] = [640.0, 480.0].map(|side: f64| (side * scale).round());
             let (w, h) = (width as u32, height as u32);
-            let resized = camera.for_image(w, h).unwrap();
+            let resized = camera.for_resized(w, h).unwrap();
             let point = Vector3::new(x, y, 1.0);
             if let (Ok(before), Ok(after)) = (camera.project(&point), resized.project(&point)) {
                 let to = Vector2::new(width, height);
                 let moved = Affine::region_to_image(Vector2::zeros(), Vector2::new(640.0, 480.0), to).apply(&before);
                 prop_assert!((moved - after).norm() < 1e-9);
             }
-            prop_assert!(camera.for_image(w, h + h / 50 + 2).is_err());
+            prop_assert!(camera.for_resized(w, h + h / 50 + 2).is_err());
+            prop_assert_eq!(camera.for_image(w, h).is_ok(), (w, h) == (640, 480));
         }
 
         #[test]

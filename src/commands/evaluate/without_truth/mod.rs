@@ -116,11 +116,11 @@ fn shape(name: &str, library: &Library, references: &References) -> Result<Shape
     let model = library.object(name);
     let model = model
         .ok_or_else(|| format!("object {name:?} has no model, or is no class of the detector; known: {}", known()))?;
-    let reference = references.get(name);
-    let reference =
-        reference.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?;
+    let in_force = references.get(name);
+    let in_force =
+        in_force.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?;
     let keypoints = model.manifest.keypoints();
     let middle = keypoints.iter().sum::<Vector3<f64>>() / keypoints.len() as f64;
-    let middle = reference.offset.object_from_keypoints.transform(&middle);
+    let middle = in_force.reference.offset.object_from_keypoints.transform(&middle);
     Ok(Shape::new(model.manifest.diameter_m, middle, model.symmetries.clone())?)
 }

@@ -33,8 +33,9 @@ impl TryFrom<PoseForm> for Pose {
 #[expect(dead_code, reason = "describes the JSON form of `posed_core`'s camera; a test compares them")]
 pub(crate) struct CameraForm {
     model: CameraModelForm,
-    /// Size of the image that the parameters are calibrated for. The server scales the parameters if the posted image
-    /// is the full frame resized, and rejects an image of a different shape. Omit both to skip this check.
+    /// Size of the image that the parameters are calibrated for. An image of another size is rejected, unless the
+    /// request sets `allow_resize`. Omit both to skip this check. For a region of the frame, keep `fx` and `fy`, and
+    /// subtract the region's left and top edges from `cx` and `cy`.
     width: Option<u32>,
     height: Option<u32>,
     fx: f64,

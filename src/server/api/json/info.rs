@@ -1,11 +1,11 @@
 //! Objects, cameras and limits of the server.
 
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::model::{Method, Reference};
+use crate::model::{InForce, Method};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
 use crate::vision::{OrientationPolicy, RawEncoding};
 
@@ -32,6 +32,10 @@ pub(crate) struct ObjectReport {
 /// The calibration of the object's frame.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ReferenceReport {
+    /// SHA-256 of the reference file that is in force.
+    sha256: String,
+    /// When that file was written, seconds since 1970.
+    modified_unix_s: u64,
     #[schema(value_type = String, example = "single")]
     method: Method,
     /// Uncertainty of the offset: standard deviations over all axes.
@@ -151,8 +155,9 @@ impl From<KnownObject<'_>> for ObjectReport {
     }
 }
 
-impl From<&Reference> for ReferenceReport {
-    fn from(reference: &Reference) -> Self {
+impl From<&InForce> for ReferenceReport {
+    fn from(in_force: &InForce) -> Self {
+        let InForce { reference, sha256, version } = in_force;
         let (sigma_translation_m, sigma_rotation_rad) = reference.offset.sigmas();
         let views = reference.views.iter().map(|view| ReferenceViewReport {
             image: view.image.clone(),
@@ -160,6 +165,13 @@ impl From<&Reference> for ReferenceReport {
             residual_deg: view.residual_deg,
             residual_mm: view.residual_mm,
         });
-        Self { method: reference.method, sigma_translation_m, sigma_rotation_rad, views: views.collect() }
+        Self {
+            sha256: sha256.clone(),
+            modified_unix_s: version.modified.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
+            method: reference.method,
+            sigma_translation_m,
+            sigma_rotation_rad,
+            views: views.collect(),
+        }
     }
 }

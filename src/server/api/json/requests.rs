@@ -25,6 +25,9 @@ pub(crate) struct EstimateRequest {
     /// Minimum confidence, 0..1. The answer omits poses below it.
     #[schema(minimum = 0, maximum = 1)]
     min_confidence: Option<f64>,
+    /// Whether an image of another size than the camera's is its full frame, resized: the parameters are then scaled.
+    #[serde(default)]
+    allow_resize: bool,
     /// Pose of the camera in the world frame. If set, the answer also has each pose in the world frame.
     world_from_camera: Option<PoseForm>,
     /// Pose of the camera in the frame of the robot's base. If set, the answer also has each pose in the base frame.
@@ -45,8 +48,9 @@ impl EstimateRequest {
         };
         let raw = self.raw.map(RawLayout::try_from).transpose();
         let raw = raw.map_err(|error| Failure::invalid(format!("field 'raw': {error}")))?;
-        let Self { camera, objects, max_instances, min_confidence, captured_at, .. } = self;
-        Ok((PoseRequest { camera, objects, max_instances, min_confidence, frames, captured_at }, raw))
+        let Self { camera, objects, max_instances, min_confidence, allow_resize, captured_at, .. } = self;
+        let request = PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, frames, captured_at };
+        Ok((request, raw))
     }
 }
 
@@ -86,6 +90,9 @@ pub(crate) struct ReferenceRequest {
     #[serde(default)]
     #[schema(value_type = String, example = "weighted")]
     pub mode: Mode,
+    /// Whether the origin of the object's frame may lie farther from the object than the object is large.
+    #[serde(default)]
+    pub far_origin: bool,
 }
 
 /// The known facts about one reference image.

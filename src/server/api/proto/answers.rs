@@ -18,6 +18,7 @@ pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
         diameter_m: manifest.diameter_m,
         keypoints: manifest.virtual_keypoints_m.len() as u32,
         model_sha256: manifest.model_sha256.clone(),
+        reference_sha256: object.reference.as_ref().map(|in_force| in_force.sha256.clone()).unwrap_or_default(),
     }
 }
 

@@ -25,6 +25,7 @@ pub(crate) fn request(message: proto::EstimateRequest) -> Result<PoseRequest, Fa
         objects: Some(message.objects).filter(|names| !names.is_empty()),
         max_instances: message.max_instances.map(|count| count as usize),
         min_confidence: Some(message.min_confidence),
+        allow_resize: message.allow_resize,
         frames: CallerFrames {
             world_from_camera: frame("world_from_camera", message.world_from_camera)?,
             base_from_camera: frame("base_from_camera", message.base_from_camera)?,

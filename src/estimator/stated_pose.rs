@@ -1,0 +1,99 @@
+//! Whether the poses that come with reference images can be meant: where the image shows the object, its frame should lie.
+
+use nalgebra::{Matrix3, Rotation3};
+use posed_core::calibration::Offset;
+use posed_core::geometry::Pose;
+
+use thiserror::Error;
+
+/// Poses of reference images that cannot be meant.
+#[derive(Debug, Error)]
+pub enum StatedPoseError {
+    #[error(
+        "{first} and {second} have the same pose; give each view once, since a second copy adds no information. Best are \
+         views from other sides"
+    )]
+    SameView { first: String, second: String },
+    #[error(
+        "by the stated pose the origin of the object's frame is {distance_m:.3} m from where the image shows the object, \
+         which is {diameter_m:.3} m large: {guess}. If the origin is that far away, set 'far_origin'"
+    )]
+    FarOrigin { distance_m: f64, diameter_m: f64, guess: &'static str },
+}
+
+/// Farthest origin of a frame from the object's centre that passes without a word, in diameters: those on the object's
+/// surface are at most half as far.
+const FAR: f64 = 1.0;
+/// Two views whose stated poses differ by less are one: nobody puts an object back so well.
+const SAME_PLACE_M: f64 = 1e-4;
+const SAME_TURN_RAD: f64 = 1e-4;
+
+/// One view twice would count as two measurements, and its error as half as large.
+///
+/// `views` are names of images and the poses `camera_from_object` that are stated for them.
+pub(super) fn no_view_twice(views: &[(&str, &Pose)]) -> Result<(), StatedPoseError> {
+    for (index, (second, pose)) in views.iter().enumerate() {
+        let same = |(_, other): &&(&str, &Pose)| {
+            let change = other.inverse() * **pose;
+            change.translation().norm() < SAME_PLACE_M && change.rotation().angle() < SAME_TURN_RAD
+        };
+        if let Some((first, _)) = views[..index].iter().find(same) {
+            return Err(StatedPoseError::SameView { first: (*first).into(), second: (*second).into() });
+        }
+    }
+    Ok(())
+}
+
+/// An origin far from where the images show the object is a mistake in the poses more often than it is meant.
+/// The guess what the mistake is comes from one image: its stated pose and that of its keypoints.
+pub(super) fn origin_is_near(
+    offset: &Offset,
+    camera_from_object: &Pose,
+    camera_from_keypoints: &Pose,
+    diameter_m: f64,
+) -> Result<(), StatedPoseError> {
+    let distance_m = offset.object_from_keypoints.translation().norm();
+    if distance_m <= FAR * diameter_m {
+        return Ok(());
+    }
+    let near = |camera_from_object: &Pose| {
+        let object_from_keypoints = camera_from_object.inverse() * *camera_from_keypoints;
+        object_from_keypoints.translation().norm() <= FAR * diameter_m
+    };
+    let guess = MISTAKES.iter().find(|mistake| near(&(mistake.mended)(camera_from_object)));
+    let guess = guess.map_or("the pose may be that of another object or image", |mistake| mistake.words);
+    Err(StatedPoseError::FarOrigin { distance_m, diameter_m, guess })
+}
+
+/// What people get wrong, and how the pose looks that they meant.
+struct Mistake {
+    words: &'static str,
+    mended: fn(&Pose) -> Pose,
+}
+
+const MISTAKES: [Mistake; 5] = [
+    Mistake { words: "the pose fits if its translation is in millimetres; give metres", mended: in_metres },
+    Mistake { words: "the pose fits if it is object_from_camera; give its inverse", mended: Pose::inverse },
+    Mistake {
+        words: "the pose fits if it is object_from_camera in millimetres; give its inverse, in metres",
+        mended: |pose| in_metres(pose).inverse(),
+    },
+    Mistake {
+        words: "the pose fits if its camera looks along -z with y up, as in OpenGL; give one with z forward and y down",
+        mended: in_opencv,
+    },
+    Mistake {
+        words: "the pose fits if its translation is in millimetres and its camera looks along -z with y up, as in OpenGL; \
+                give metres, z forward and y down",
+        mended: |pose| in_opencv(&in_metres(pose)),
+    },
+];
+
+fn in_metres(pose: &Pose) -> Pose {
+    Pose::new(*pose.rotation(), pose.translation() / 1e3)
+}
+
+fn in_opencv(pose: &Pose) -> Pose {
+    let half_turn = Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&[1.0, -1.0, -1.0].into()));
+    Pose::new(half_turn, nalgebra::Vector3::zeros()) * *pose
+}
