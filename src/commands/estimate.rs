@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +12,9 @@ use crate::estimator::{Answer, CallerFrames, Estimator, Frame, ObjectPose, Selec
 use crate::model::ModelsInUse;
 use crate::model::{read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext};
-use crate::vision::{DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode};
+use crate::vision::{
+    DecodeError, DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode,
+};
 use posed_core::geometry::Camera;
 
 #[derive(Args, Debug)]
@@ -50,11 +53,12 @@ impl Estimate {
         let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
         let models = ModelsInUse::new(&library, self.models.provider);
         let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
+        self.check_overlays()?;
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
             let mut answer = read(path, self.raw)
                 .and_then(|image| estimate(&mut estimator, &image, &camera, &selection, &options))
-                .map_err(|error| format!("{}: {error}", path.display()))?;
+                .map_err(|error| format!("{}: {error}{}", path.display(), Self::advice(error.as_ref())))?;
             if let (Some(out), Some(mut image)) = (self.overlay_path(path), answer.image.take()) {
                 answer.estimate.draw(&mut image);
                 write_atomically(&out, &encode(&image, ImageFormat::Png)?)
@@ -73,12 +77,36 @@ impl Estimate {
         Ok(())
     }
 
+    /// The option that an error asks for.
+    fn advice(error: &(dyn Error + 'static)) -> &'static str {
+        match error.downcast_ref() {
+            Some(DecodeError::Orientation(_)) => ", or choose with --exif-orientation",
+            Some(_) | None => "",
+        }
+    }
+
+    /// No picture may replace another one.
+    fn check_overlays(&self) -> Result<(), Box<dyn Error>> {
+        let mut seen = BTreeMap::new();
+        for image in &self.images {
+            let Some(out) = self.overlay_path(image) else { continue };
+            if let Some(other) = seen.insert(out.clone(), image) {
+                let (image, other, out) = (image.display(), other.display(), out.display());
+                return Err(
+                    format!("{other} and {image} would both be drawn to {out}; give them different names").into()
+                );
+            }
+        }
+        Ok(())
+    }
+
     fn overlay_path(&self, image: &Path) -> Option<PathBuf> {
         let out = self.overlay.as_ref()?;
         if self.images.len() == 1 {
             return Some(out.clone());
         }
-        Some(out.join(image.file_stem()?).with_extension("png"))
+        // Not `with_extension`: of `cam.0001` it would take the number for one.
+        Some(out.join(format!("{}.png", image.file_stem()?.display())))
     }
 }
 

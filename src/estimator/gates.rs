@@ -19,6 +19,8 @@ const MAX_RMSE: f64 = 0.06;
 const MAX_SIGMA_TRANSLATION: f64 = 0.25;
 /// ... or its rotation's passes this angle.
 const MAX_SIGMA_ROTATION_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// No lens in use shows an object whole from nearer than this, in its diameters: wrong camera parameters put it there.
+const MIN_DISTANCE: f64 = 1.0;
 /// The pose's centre may lie this far from the box's centre, in larger box sides.
 const MAX_CENTRE_SHIFT: f64 = 0.5;
 /// Larger box side over the object's extent at the pose's depth: smaller when foreshortened or occluded.
@@ -55,6 +57,9 @@ pub(super) fn object_pose(
     if pose.reprojection_rmse_px > MAX_RMSE * detection.bounding_box.extent() {
         // Wide covariances excuse such residuals, but no pose follows from them.
         verdict.object(Reason::HighResidual, Status::Rejected);
+    }
+    if pose.camera_from_object.translation().norm() < MIN_DISTANCE * manifest.diameter_m {
+        verdict.object(Reason::TooNear, Status::LowConfidence);
     }
     if is_loose(&pose.covariance, manifest.diameter_m) {
         verdict.object(Reason::UncertainPose, Status::LowConfidence);

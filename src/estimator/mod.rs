@@ -4,6 +4,7 @@ mod admission;
 mod answer;
 mod calibrate;
 mod detect;
+mod doubts;
 mod footprint;
 mod gates;
 mod job;

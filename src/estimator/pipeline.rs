@@ -6,13 +6,14 @@ use image::RgbImage;
 
 use super::answer::{Abandoned, Detection, Estimate, EstimateError, MeasureError, ObjectPose, Selection, Timings};
 use super::detect::detect;
+use super::doubts;
 use super::gates::object_pose;
 use super::keypoints::{self, Crops};
 use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
-use posed_core::pnp::Solution;
+use posed_core::pnp::{Solution, Status};
 
 /// One image to estimate poses from.
 pub struct Frame<'a> {
@@ -236,10 +237,19 @@ impl Progress {
     /// The poses that were asked for, the most trusted first.
     fn finish(self, frame: &Frame<'_>) -> Estimate {
         let Self { camera, mut poses, timings, .. } = self;
+        if !poses.is_empty() {
+            for doubt in doubts::of_image(frame.image, &camera) {
+                for pose in &mut poses {
+                    pose.verdict.object(doubt, Status::LowConfidence);
+                }
+            }
+        }
         let selection = frame.selection;
         poses.retain(|pose| pose.confidence() >= selection.min_confidence);
         poses.sort_by(|a, b| {
-            a.verdict.status.cmp(&b.verdict.status).then(b.detection.score.total_cmp(&a.detection.score))
+            let by_score = || b.detection.score.total_cmp(&a.detection.score);
+            let by_confidence = || b.confidence().total_cmp(&a.confidence());
+            a.verdict.status.cmp(&b.verdict.status).then_with(by_confidence).then_with(by_score)
         });
         if let Some(limit) = selection.max_instances {
             let mut seen: Vec<usize> = Vec::new();

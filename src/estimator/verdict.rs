@@ -19,6 +19,14 @@ pub enum Reason {
     NoPose,
     /// The evidence leaves the pose loose: see its covariance.
     UncertainPose,
+    /// The object would be nearer than it is large: the camera's parameters belong to another image.
+    TooNear,
+    /// The principal point is far from the image's middle, as where the parameters belong to another image.
+    CameraSuspect,
+    /// The image has no colours, and the networks learned from some.
+    GreyImage,
+    /// The image is nearly black.
+    DarkImage,
 }
 
 impl std::fmt::Display for Reason {
@@ -31,24 +39,32 @@ impl std::fmt::Display for Reason {
             Self::WeakKeypoints => "weak_keypoints",
             Self::NoPose => "no_pose",
             Self::UncertainPose => "uncertain_pose",
+            Self::TooNear => "too_near",
+            Self::CameraSuspect => "camera_suspect",
+            Self::GreyImage => "grey_image",
+            Self::DarkImage => "dark_image",
         })
     }
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 7] = [
+const REASONS: [Reason; 11] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
     Reason::WeakKeypoints,
     Reason::BoxMismatch,
     Reason::UncertainPose,
+    Reason::TooNear,
+    Reason::CameraSuspect,
+    Reason::GreyImage,
+    Reason::DarkImage,
     Reason::NoPose,
 ];
 
 /// The reasons for a status: a set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Reasons(u8);
+pub struct Reasons(u16);
 
 impl Reasons {
     /// Adds a reason; adding it again changes nothing.
@@ -73,7 +89,7 @@ impl Reasons {
         REASONS.into_iter().filter(move |reason| self.contains(*reason))
     }
 
-    fn bit(reason: Reason) -> u8 {
+    fn bit(reason: Reason) -> u16 {
         1 << reason as u8
     }
 }

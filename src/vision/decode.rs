@@ -28,7 +28,7 @@ pub struct Exif {
 
 /// Makes 8-bit RGB of an image, within the memory that [`header`](super::header) promises.
 ///
-/// Grey becomes RGB, alpha is dropped, 16 bits are reduced to 8. Sizes are checked on the header, before the pixels are
+/// Grey becomes RGB, alpha is dropped, 16 bits are reduced to 8, from the 8, 10, 12, 14 or 16 of them that are used. Sizes are checked on the header, before the pixels are
 /// allocated. An EXIF orientation other than "as stored" is treated as the options say.
 ///
 /// # Errors
@@ -46,11 +46,8 @@ pub fn decode(image: &Image, options: &DecodeOptions) -> Result<Decoded, DecodeE
 fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeError> {
     let header = EncodedHeader::read(bytes)?;
     header.checked(options)?;
-    let bytes = if header.format == ImageFormat::Jpeg {
-        jpeg::whole(bytes).map_err(|fault| damaged(ImageFormat::Jpeg, &fault))?
-    } else {
-        Cow::Borrowed(bytes)
-    };
+    let bytes =
+        if header.format == ImageFormat::Jpeg { jpeg::whole(bytes).map_err(of_jpeg)? } else { Cow::Borrowed(bytes) };
     let mut reader = ImageReader::with_format(Cursor::new(&*bytes), header.format);
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(header.metadata);
@@ -65,7 +62,8 @@ fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeE
     if orientation != Orientation::NoTransforms && options.exif_orientation == OrientationPolicy::Refuse {
         return Err(DecodeError::Orientation(orientation.to_exif()));
     }
-    let image = DynamicImage::from_decoder(decoder).map_err(of_decoder)?;
+    let mut image = DynamicImage::from_decoder(decoder).map_err(of_decoder)?;
+    use_whole_range(&mut image);
     // RGB first: turning copies the image.
     let mut image = DynamicImage::ImageRgb8(image.into_rgb8());
     let applied = options.exif_orientation == OrientationPolicy::Apply && orientation != Orientation::NoTransforms;
@@ -74,6 +72,43 @@ fn decode_file(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded, DecodeE
     }
     let exif = Exif { orientation: orientation.to_exif(), applied };
     Ok(Decoded { image: image.into_rgb8(), exif })
+}
+
+/// Cameras of 10, 12 and 14 bits store their values as they are in 16 bits: as fractions of 65535 they would be nearly black.
+fn use_whole_range(image: &mut DynamicImage) {
+    match image {
+        DynamicImage::ImageLuma16(grey) => stretch(grey, 1, 1),
+        DynamicImage::ImageLumaA16(grey) => stretch(grey, 2, 1),
+        DynamicImage::ImageRgb16(colour) => stretch(colour, 3, 3),
+        DynamicImage::ImageRgba16(colour) => stretch(colour, 4, 3),
+        // The others have 8 bits: no format that is read here has more.
+        DynamicImage::ImageLuma8(_)
+        | DynamicImage::ImageLumaA8(_)
+        | DynamicImage::ImageRgb8(_)
+        | DynamicImage::ImageRgba8(_)
+        | DynamicImage::ImageRgb32F(_)
+        | DynamicImage::ImageRgba32F(_)
+        | _ => {}
+    }
+}
+
+/// Of each pixel's `channels` the first ones are `colours`.
+fn stretch(samples: &mut [u16], channels: usize, colours: usize) {
+    let pixels = samples.chunks_exact(channels);
+    let highest = pixels.map(|pixel| pixel[..colours].iter().fold(0, |bits, sample| bits | sample));
+    let used = highest.fold(0, |bits, pixel| bits | pixel);
+    let range = [8, 10, 12, 14].map(|bits| (1_u32 << bits) - 1).into_iter().find(|range| u32::from(used) <= *range);
+    let Some(range) = range else { return };
+    for sample in samples.chunks_exact_mut(channels).flat_map(|pixel| &mut pixel[..colours]) {
+        *sample = u16::try_from(u32::from(*sample) * u32::from(u16::MAX) / range).unwrap_or(u16::MAX);
+    }
+}
+
+fn of_jpeg(fault: jpeg::Fault) -> DecodeError {
+    match fault {
+        jpeg::Fault::Ends => DecodeError::Truncated,
+        jpeg::Fault::Damaged(words) => damaged(ImageFormat::Jpeg, &words),
+    }
 }
 
 fn of_decoder(error: ImageError) -> DecodeError {
@@ -122,6 +157,23 @@ mod tests {
         assert_eq!(decode(&encoded(&gradient(), ImageFormat::WebP), &options).unwrap().image, wanted);
     }
 
+    /// 12 bits of a camera in 16 bits of a PNG, and a picture that uses all 16.
+    #[test]
+    fn sixteen_bits_are_scaled_by_the_range_that_is_used() {
+        for (bits, tolerance) in [(8, 0), (10, 1), (12, 1), (14, 1), (16, 0)] {
+            let mut stored = gradient().into_rgb16();
+            for sample in stored.iter_mut() {
+                *sample >>= 16 - bits;
+            }
+            stored.put_pixel(0, 0, image::Rgb([u16::MAX >> (16 - bits); 3]));
+            let png = encoded(&DynamicImage::ImageRgb16(stored), ImageFormat::Png);
+            let found = decode(&png, &DecodeOptions::default()).unwrap().image;
+            let wanted = gradient().into_rgb8();
+            let apart = found.iter().zip(wanted.iter()).skip(3).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+            assert!(apart <= tolerance, "{bits} bits: {apart} levels");
+        }
+    }
+
     #[test]
     fn every_truncation_is_an_error() {
         for format in [ImageFormat::Jpeg, ImageFormat::Png, ImageFormat::WebP] {
@@ -153,10 +205,13 @@ mod tests {
     }
 
     #[test]
-    fn subsampled_components_in_scans_of_their_own_are_refused_in_words() {
-        let bytes = std::fs::read("tests/data/encodings/separate-scans.jpg").unwrap();
-        let refusal = decode(&bytes, &DecodeOptions::default()).unwrap_err().to_string();
-        assert!(refusal.contains("store them interleaved"), "{refusal}");
+    fn what_would_be_decoded_wrongly_is_refused_in_words() {
+        for (file, words) in [("separate-scans.jpg", "store them interleaved"), ("animated.webp", "one of its frames")]
+        {
+            let bytes = std::fs::read(format!("tests/data/refused/{file}")).unwrap();
+            let refusal = decode(&bytes, &DecodeOptions::default()).unwrap_err().to_string();
+            assert!(refusal.contains(words), "{refusal}");
+        }
     }
 
     #[test]

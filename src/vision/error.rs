@@ -21,11 +21,13 @@ pub enum DecodeError {
     TooLarge { width: u32, height: u32, max_side_px: u32, max_pixels: u64 },
     #[error("the image is {width}x{height}; it must have at least {MIN_SIDE_PX} pixels per side")]
     TooSmall { width: u32, height: u32 },
+    #[error("the image is an animation; post one of its frames")]
+    Animated,
     #[error("the image is truncated; post the whole file")]
     Truncated,
     #[error(
-        "the image has EXIF orientation {0}, so it is unclear which pixels the camera parameters refer to; post the \
-         stored pixels without an orientation, or change the setting 'exif_orientation' to 'apply' or 'ignore'"
+        "the image has EXIF orientation {0}, so it is unclear which pixels the camera parameters refer to; remove the \
+         orientation from the file, or turn its pixels"
     )]
     Orientation(u8),
     #[error(transparent)]

@@ -113,3 +113,26 @@ fn estimate_takes_raw_frames() {
     let said = explanation(&estimate("frame.raw", &["--raw", "bgr9:640x480"]));
     assert!(said.contains("bgr9") && said.contains("bgr8"), "{said}");
 }
+
+/// The part of a name after its last point is not always an ending, and two images are never drawn to one file.
+#[test]
+fn every_image_has_a_picture_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = |name: &str| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::copy(&samples()[0].file, &path).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let out = folder.path().join("out");
+    let draw = |first: &str, second: &str| {
+        let [first, second] = [first, second].map(image);
+        let arguments = ["estimate", &first, &second, "--camera", "samples/demo.camera.json", "--overlay"];
+        run(&[&arguments[..], &[out.to_str().unwrap()]].concat())
+    };
+    assert!(draw("cam.0001.jpg", "cam.0002.jpg").status.success());
+    let mut made: Vec<_> = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    made.sort();
+    assert_eq!(made, ["cam.0001.png", "cam.0002.png"]);
+    assert!(explanation(&draw("left/1.jpg", "right/1.jpg")).contains("different names"));
+}

@@ -1,6 +1,7 @@
 //! The pipeline and its queue on scripted networks: faults, limits and formats that real models do not show on demand.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
+mod doubts;
 mod formats;
 mod queue;
 mod real;

@@ -151,7 +151,7 @@ pub fn png(brightness: u8) -> Vec<u8> {
 }
 
 pub fn image(brightness: u8) -> RgbImage {
-    RgbImage::from_pixel(WIDTH, HEIGHT, image::Rgb([brightness; 3]))
+    RgbImage::from_pixel(WIDTH, HEIGHT, image::Rgb([brightness, 255 - brightness, 128]))
 }
 
 /// The brightness of the first image of an input of bytes.

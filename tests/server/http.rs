@@ -131,7 +131,29 @@ async fn every_kind_of_pixel_is_answered() {
     for colour in [image::DynamicImage::from(image.to_rgba8()), image.to_rgb16().into()] {
         assert_right(sample, &json(post(&server, CAMERA, png(&colour)).await).await);
     }
-    assert_eq!(post(&server, CAMERA, png(&image.to_luma8().into())).await.status(), StatusCode::OK);
+}
+
+/// Input that cannot be judged is answered, and never trusted.
+#[tokio::test]
+async fn what_the_networks_never_saw_is_not_ok() {
+    let server = Server::start(&[]);
+    let image = image::open(&samples()[0].file).unwrap();
+    let mut dark = image.to_rgb8();
+    dark.iter_mut().for_each(|level| *level /= 16);
+    for (query, image, reason) in [
+        (CAMERA, image.to_luma8().into(), "grey_image"),
+        (CAMERA, dark.into(), "dark_image"),
+        // Those of a whole sensor for a region in its corner.
+        ("fx=600&fy=600&cx=20&cy=239.5", image, "camera_suspect"),
+    ] {
+        let answer = json(post(&server, query, png(&image)).await).await;
+        let poses = answer["poses"].as_array().unwrap();
+        assert!(poses.iter().all(|pose| pose["status"] != "ok"), "{query}: {answer}");
+        if reason != "dark_image" {
+            let reasons = poses.iter().map(|pose| pose["reasons"].to_string()).collect::<Vec<_>>().join(" ");
+            assert!(reasons.contains(reason), "{query}: {reasons}");
+        }
+    }
 }
 
 /// A phone's photo: stored as the sensor read it, to be turned before it is looked at.
@@ -180,6 +202,19 @@ async fn a_picture_is_given_where_one_is_accepted() {
     }
 }
 
+/// Preferences are weighed (RFC 9110, section 12.5.1).
+#[tokio::test]
+async fn json_is_given_where_it_is_preferred() {
+    let server = Server::start(&[]);
+    let url = server.url(&format!("/v1/poses?{CAMERA}"));
+    for accept in ["application/json, image/png;q=0.1", "image/png;q=0.4, application/*;q=0.5", "*/*", "image/png;q=0"]
+    {
+        let request = Client::new().post(&url).header("accept", accept).body(read(&samples()[0].file));
+        let response = request.send().await.unwrap();
+        assert_eq!(response.headers()["content-type"], "application/json", "{accept}");
+    }
+}
+
 #[tokio::test]
 async fn a_selection_is_kept() {
     let server = Server::start(&[]);
@@ -208,6 +243,7 @@ async fn bad_options_are_refused_by_name() {
     let server = Server::start(&[]);
     let image = read(&samples()[0].file);
     for (query, status, code, words) in [
+        ("objects=", StatusCode::BAD_REQUEST, "invalid_request", "'objects' is empty"),
         ("objects=teapot", StatusCode::NOT_FOUND, "unknown_object", "known objects: cube"),
         ("max_instances=0", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),
         ("max_instances=-1", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),

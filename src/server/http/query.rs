@@ -65,7 +65,9 @@ impl EstimateQuery {
         };
         let request = PoseRequest {
             camera: Some(camera),
-            objects: self.objects.map(|names| names.split(',').map(|name| name.trim().to_owned()).collect()),
+            objects: self.objects.map(|names| {
+                names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+            }),
             max_instances: self.max_instances,
             min_confidence: self.min_confidence,
             allow_resize: self.allow_resize,

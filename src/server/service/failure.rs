@@ -114,7 +114,12 @@ impl From<QueueError> for Failure {
         if kind == FailureKind::Internal {
             tracing::error!(%error, "an image could not be estimated");
         }
-        Self::new(kind, error.to_string())
+        let setting = if matches!(error, QueueError::Decode(DecodeError::Orientation(_))) {
+            ". The server can turn them, or ignore it: change its setting 'exif_orientation' to 'apply' or 'ignore'"
+        } else {
+            ""
+        };
+        Self::new(kind, format!("{error}{setting}"))
     }
 }
 
@@ -124,6 +129,7 @@ fn of_decode(error: &DecodeError) -> FailureKind {
         DecodeError::TooLarge { .. } => FailureKind::TooLarge,
         DecodeError::Empty
         | DecodeError::TooSmall { .. }
+        | DecodeError::Animated
         | DecodeError::Truncated
         | DecodeError::Orientation(_)
         | DecodeError::Raw(_)

@@ -44,6 +44,9 @@ impl PoseRequest {
     /// How many objects a request may name.
     pub(crate) fn check_names(objects: Option<&[String]>) -> Result<(), Failure> {
         match objects {
+            Some([]) => {
+                Err(Failure::invalid("field 'objects' is empty; name at least one object, or omit it to look for all"))
+            }
             Some(names) if names.len() > MAX_OBJECTS => {
                 Err(Failure::invalid(format!("field 'objects' has more than {MAX_OBJECTS} names")))
             }

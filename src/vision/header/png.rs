@@ -51,6 +51,7 @@ fn chunks(fields: Fields<'_>) -> Result<(bool, u64), DecodeError> {
         let length = u32::from_be_bytes(fields.at(position)?);
         match &fields.at::<4>(position + 4)? {
             b"IDAT" => return Ok((transparent, metadata)),
+            b"acTL" => return Err(DecodeError::Animated),
             b"tRNS" => transparent = true,
             b"eXIf" | b"iCCP" | b"iTXt" | b"tEXt" | b"zTXt" => metadata += u64::from(length) + 12,
             _ => {}

@@ -12,9 +12,6 @@ const ALPHA: u64 = 7;
 /// Lossless decoding: RGBA before it becomes RGB, and transforms for each 4x4 pixels; 4.0 measured.
 const LOSSLESS: u64 = 5;
 
-/// The first frame of an animation: the frame and the canvas, both RGBA; 8.0 measured.
-const ANIMATION: u64 = 8;
-
 /// For each byte of lossless data: it may state as many code tables as it likes, each hundreds of times as large as the bits
 /// that state it. 450 times was measured, 512 is the most by the decoder's source. Honest files take next to nothing of this,
 /// but nothing in their headers tells them from the others.
@@ -49,7 +46,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<EncodedHeader, DecodeError> {
             let [flags, _, _, _, w0, w1, w2, h0, h1, h2] = fields.at(first.start)?;
             found.alpha = flags & 0x10 != 0;
             if flags & 0x02 != 0 {
-                found.takes(ANIMATION);
+                return Err(DecodeError::Animated);
             }
             (u32::from_le_bytes([w0, w1, w2, 0]) + 1, u32::from_le_bytes([h0, h1, h2, 0]) + 1)
         }
@@ -77,8 +74,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<EncodedHeader, DecodeError> {
 #[derive(Default)]
 struct Found {
     alpha: bool,
-    /// Whether the first frame of an animation was seen; further ones are not decoded.
-    frame: bool,
     /// Bytes for each pixel beside the output.
     for_each_pixel: u64,
     /// Bytes for parts that a frame may claim.
@@ -96,15 +91,7 @@ impl Found {
                 self.tables += chunk.size as u64;
             }
             b"ALPH" => self.tables += chunk.size as u64,
-            b"ANMF" if !self.frame => {
-                self.frame = true;
-                let part = Chunk::read(fields, chunk.start.saturating_add(16))?;
-                self.add(fields, &part, canvas)?;
-                // The decoder takes what comes after an alpha plane for a lossy frame, whatever it is called.
-                if &part.name == b"ALPH" {
-                    self.add_lossy(fields, &Chunk::read(fields, part.next())?, canvas)?;
-                }
-            }
+            b"ANMF" => return Err(DecodeError::Animated),
             _ => {}
         }
         Ok(())

@@ -25,8 +25,15 @@ impl<'a> Bits<'a> {
 
     /// Uses bits that were peeked at.
     pub(super) fn skip(&mut self, count: u32) -> Result<(), Fault> {
-        self.count = self.count.checked_sub(count).ok_or("its data end early: some bytes were lost or changed")?;
-        Ok(())
+        match self.count.checked_sub(count) {
+            Some(left) => {
+                self.count = left;
+                Ok(())
+            }
+            // The last byte may be half of a marker.
+            None if self.position + 1 >= self.bytes.len() => Err(Fault::Ends),
+            None => Err("its data end early: some bytes were lost or changed".into()),
+        }
     }
 
     /// So many bits, at most 16.

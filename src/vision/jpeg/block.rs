@@ -1,3 +1,5 @@
+use std::borrow::Cow;
+
 use super::Fault;
 use super::bits::Bits;
 use super::huffman::Table;
@@ -39,8 +41,10 @@ fn value(bits: &mut Bits<'_>, length: u8) -> Result<i32, Fault> {
 /// The difference of the two farthest DC coefficients has so many.
 const MAX_BITS: u8 = 12;
 
-const BEYOND_RANGE: Fault = Fault::Borrowed("a value is beyond its range: some bytes were lost or changed");
-const BEYOND_BLOCK: Fault = Fault::Borrowed("a block has too many values: some bytes were lost or changed");
+const BEYOND_RANGE: Fault =
+    Fault::Damaged(Cow::Borrowed("a value is beyond its range: some bytes were lost or changed"));
+const BEYOND_BLOCK: Fault =
+    Fault::Damaged(Cow::Borrowed("a block has too many values: some bytes were lost or changed"));
 
 /// The AC coefficients of a block of a sequential picture.
 pub(super) fn sequential(bits: &mut Bits<'_>, table: &Table, ranges: &Ranges) -> Result<(), Fault> {

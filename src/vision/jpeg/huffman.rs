@@ -1,3 +1,5 @@
+use std::borrow::Cow;
+
 use super::bits::Bits;
 use super::{Fault, SHORT};
 
@@ -66,7 +68,7 @@ impl Table {
     }
 }
 
-const IMPOSSIBLE: Fault = Fault::Borrowed("its table of codes is impossible");
+const IMPOSSIBLE: Fault = Fault::Damaged(Cow::Borrowed("its table of codes is impossible"));
 
 /// The segment that defines the typical tables (T.81, annex K.3), for luminance and for chrominance.
 pub(super) const TYPICAL: &[u8] = include_bytes!("typical.dht");

@@ -14,8 +14,26 @@ use frame::{Frame, QuantisationSteps};
 use huffman::{TYPICAL, Tables};
 use scan::Scan;
 
-/// Why a JPEG is not whole, in words that follow "the image is damaged: ".
-type Fault = Cow<'static, str>;
+/// Why a JPEG is not whole.
+#[derive(Debug)]
+pub(super) enum Fault {
+    /// The file ends where more must follow.
+    Ends,
+    /// In words that follow "the image is damaged: ".
+    Damaged(Cow<'static, str>),
+}
+
+impl From<&'static str> for Fault {
+    fn from(words: &'static str) -> Self {
+        Self::Damaged(words.into())
+    }
+}
+
+impl From<String> for Fault {
+    fn from(words: String) -> Self {
+        Self::Damaged(words.into())
+    }
+}
 
 /// More scans than this are an attack: each costs a pass over all blocks, and states in a few bytes that none changes.
 const MAX_SCANS: usize = 100;
@@ -82,8 +100,7 @@ fn check(bytes: &[u8]) -> Result<Whole, Fault> {
 
 const END_OF_IMAGE: u8 = 0xD9;
 const DEFINE_TABLES: u8 = 0xC4;
-const SHORT: Fault = Cow::Borrowed("one of its segments is too short");
-const NO_END: Fault = Cow::Borrowed("its end marker is missing; post the whole file");
+const SHORT: Fault = Fault::Damaged(Cow::Borrowed("one of its segments is too short"));
 
 /// Cameras leave a few bytes between a scan and the next marker; more than this are part of a picture.
 const MAX_STRAY_BYTES: usize = 16;
@@ -107,17 +124,17 @@ impl<'a> Segments<'a> {
                 [0xFF, 0xFF, ..] => self.position += 1,
                 [_, _, ..] if stray < MAX_STRAY_BYTES => self.position += 1,
                 [_, _, ..] => return Err("more bytes follow than its size asks for: some were lost or changed".into()),
-                [] | [_] => return Err(NO_END),
+                [] | [_] => return Err(Fault::Ends),
             }
         }
-        Err(NO_END)
+        Err(Fault::Ends)
     }
 
     /// The rest of the segment after its marker; the position is then behind it.
     fn segment(&mut self) -> Result<&'a [u8], Fault> {
         let rest = self.bytes.get(self.position..).unwrap_or_default();
-        let length = usize::from(u16::from_be_bytes(*rest.first_chunk().ok_or(NO_END)?));
-        let segment = rest.get(2..length).ok_or(if length < 2 { SHORT } else { NO_END })?;
+        let length = usize::from(u16::from_be_bytes(*rest.first_chunk().ok_or(Fault::Ends)?));
+        let segment = rest.get(2..length).ok_or(if length < 2 { SHORT } else { Fault::Ends })?;
         self.position += length;
         Ok(segment)
     }

@@ -172,6 +172,12 @@ impl Camera {
         Vector2::new(self.fx, self.fy)
     }
 
+    /// Principal point `(cx, cy)` in pixels.
+    #[must_use]
+    pub fn principal_point(&self) -> Vector2<f64> {
+        Vector2::new(self.cx, self.cy)
+    }
+
     /// Pixels of a point in frame `camera` (metres).
     ///
     /// # Errors

@@ -36,7 +36,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub captured_at: Option<String>,
     pub image: ImageReport,
-    /// Sorted by status, then by detection score: the most trusted pose comes first.
+    /// Sorted by status, then by confidence: the most trusted pose comes first.
     pub poses: Vec<PoseReport>,
     pub timings_ms: TimingsReport,
     pub models: ModelsReport,

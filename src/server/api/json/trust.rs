@@ -40,6 +40,14 @@ pub enum ReasonForm {
     NoPose,
     /// The pose is uncertain. See its covariance.
     UncertainPose,
+    /// The object is nearer than it is large. Check that the camera's parameters belong to this image.
+    TooNear,
+    /// The principal point is far from the middle of the image. Check that the camera's parameters belong to this image.
+    CameraSuspect,
+    /// The image has no colours, but the networks learned from colours.
+    GreyImage,
+    /// The image is nearly black.
+    DarkImage,
 }
 
 impl From<Status> for StatusForm {
@@ -63,6 +71,10 @@ impl From<Reason> for ReasonForm {
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
             Reason::UncertainPose => Self::UncertainPose,
+            Reason::TooNear => Self::TooNear,
+            Reason::CameraSuspect => Self::CameraSuspect,
+            Reason::GreyImage => Self::GreyImage,
+            Reason::DarkImage => Self::DarkImage,
         }
     }
 }

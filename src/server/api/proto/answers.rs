@@ -140,6 +140,10 @@ impl From<Reason> for proto::Reason {
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
             Reason::UncertainPose => Self::UncertainPose,
+            Reason::TooNear => Self::TooNear,
+            Reason::CameraSuspect => Self::CameraSuspect,
+            Reason::GreyImage => Self::GreyImage,
+            Reason::DarkImage => Self::DarkImage,
         }
     }
 }
