@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh
+.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -47,6 +47,11 @@ bench: onnxruntime ## Times the solver, the stages around the networks and the e
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
+
+FUZZ := camera dataset image manifest ply protobuf raw request
+FUZZ_SECONDS := 15
+fuzz: ## Fuzzes every reader of bytes from outside, each for FUZZ_SECONDS.
+	@scripts/fuzz.sh $(FUZZ_SECONDS) $(FUZZ)
 
 COMPARE := benches/compare/.venv
 $(COMPARE)/.done: benches/compare/requirements.txt

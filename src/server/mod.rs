@@ -5,6 +5,8 @@ pub mod api;
 mod body;
 mod connections;
 mod front_end;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 mod grpc;
 mod http;
 mod observe;

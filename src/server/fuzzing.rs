@@ -1,0 +1,26 @@
+//! What fuzzers call: readers of requests that are nobody else's business.
+
+use prost::Message as _;
+
+use super::api::json::{BatchRequest, EstimateRequest, ReferenceRequest};
+use super::api::proto;
+
+/// Reads the part `request` of a form, of every kind.
+pub fn json_request(bytes: &[u8]) {
+    if let Ok(request) = serde_json::from_slice::<EstimateRequest>(bytes) {
+        drop(request.translate());
+    }
+    if let Ok(batch) = serde_json::from_slice::<BatchRequest>(bytes) {
+        drop(batch.for_each(2));
+    }
+    if let Ok(request) = serde_json::from_slice::<ReferenceRequest>(bytes) {
+        drop(request.views(vec![bytes::Bytes::new()]));
+    }
+}
+
+/// Reads a message of the gRPC API.
+pub fn protobuf_request(bytes: &[u8]) {
+    let Ok(mut message) = crate::proto::EstimateRequest::decode(bytes) else { return };
+    drop(proto::image(std::mem::take(&mut message.image), message.raw_image.take()));
+    drop(proto::request(message));
+}
