@@ -8,6 +8,7 @@ mod footprint;
 mod gates;
 mod job;
 mod keypoints;
+mod pace;
 mod parity;
 mod picture;
 mod pipeline;
@@ -16,6 +17,7 @@ mod queue;
 mod solver;
 mod stats;
 mod verdict;
+mod watchdog;
 mod worker;
 
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};

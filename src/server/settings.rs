@@ -26,14 +26,14 @@ const BYTES_PER_PIXEL: u64 = 16;
 /// The settings. Their comments are the texts of `--help` and `--print-config`.
 #[derive(Args, Clone, Debug)]
 pub struct Config {
-    /// Address of the HTTP API.
-    #[arg(long, env = "POSED_HTTP", default_value = "0.0.0.0:8080", help_heading = LISTEN)]
+    /// Address of the HTTP API. `[::]` is every interface, IPv4 and IPv6; IPv4 alone where the system has no IPv6.
+    #[arg(long, env = "POSED_HTTP", default_value = "[::]:8080", help_heading = LISTEN)]
     pub http: SocketAddr,
     /// Address of the gRPC API.
-    #[arg(long, env = "POSED_GRPC", default_value = "0.0.0.0:9000", help_heading = LISTEN)]
+    #[arg(long, env = "POSED_GRPC", default_value = "[::]:9000", help_heading = LISTEN)]
     pub grpc: SocketAddr,
-    /// Address of probes, metrics and the log level. For operators, not for clients.
-    #[arg(long, env = "POSED_ADMIN", default_value = "0.0.0.0:8081", help_heading = LISTEN)]
+    /// Address of probes, metrics and the log level. For operators, not for clients: only this machine, unless you change it.
+    #[arg(long, env = "POSED_ADMIN", default_value = "127.0.0.1:8081", help_heading = LISTEN)]
     pub admin: SocketAddr,
     /// Folder with `detector/` and one folder for each object.
     #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
@@ -124,6 +124,15 @@ pub struct Config {
     #[arg(long, env = "POSED_IDLE_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 30_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub idle_timeout_ms: u64,
+    /// Maximum time that a worker may take for its images, milliseconds. After it the worker is taken out until it comes back.
+    #[arg(long, env = "POSED_WORKER_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 30_000, value_parser = whole::<u64>(1..=3_600_000))]
+    pub worker_timeout_ms: u64,
+    /// Time after a shutdown signal during which the server is not ready but still takes requests, milliseconds. Set it to
+    /// what your load balancer needs to notice.
+    #[arg(long, env = "POSED_SHUTDOWN_DELAY_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 0, value_parser = whole::<u64>(0..=3_600_000))]
+    pub shutdown_delay_ms: u64,
     /// Time for accepted requests to finish after a shutdown signal, seconds.
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
     #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
@@ -198,6 +207,7 @@ impl Config {
             workers: self.workers,
             max_batch: self.max_batch,
             batch_delay: Duration::from_millis(self.batch_delay_ms),
+            worker_timeout: Duration::from_millis(self.worker_timeout_ms),
             decode: DecodeOptions {
                 max_side_px: self.max_side_px,
                 max_pixels: self.max_pixels,

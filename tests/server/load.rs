@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use reqwest::{Client, StatusCode};
 
-use crate::support::{CAMERA, Server, assert_still_works, error, json, post, read, samples};
+use crate::support::{CAMERA, Server, assert_still_works, error, json, metrics, post, read, samples};
 
 #[tokio::test]
 async fn a_full_queue_refuses_at_once_and_recovers() {
@@ -69,10 +69,6 @@ async fn a_caller_that_leaves_costs_no_compute() {
         text.lines().find_map(|line| line.strip_prefix("posed_queue_dequeued_total{reason=\"cancelled\"} "));
     assert!(cancelled.unwrap().parse::<u32>().unwrap() > 0, "{text}");
     assert!(text.contains("posed_inflight 0"), "{text}");
-}
-
-async fn metrics(server: &Server) -> String {
-    reqwest::get(server.admin_url("/metrics")).await.unwrap().text().await.unwrap()
 }
 
 #[tokio::test]

@@ -2,12 +2,18 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod admin;
+mod connections;
+mod counting;
+mod deadlines;
 mod forms;
 mod grpc;
 mod hostile;
 mod http;
+mod hung;
+mod lifecycle;
 mod load;
 mod raw;
+mod raw_grpc;
 mod recalibration;
 mod stream;
 #[path = "../support/mod.rs"]

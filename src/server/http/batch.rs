@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 use super::failure::status;
 use super::form::{self, Form};
 use super::poses::{image, report};
+use super::upload::Admitted;
 use crate::estimator::BodyLease;
 use crate::server::api::json::{BatchRequest, ErrorBody, ErrorDetail, EstimateRequest, Report};
 use crate::server::service::{Failure, FailureKind, PoseWork, Service};
@@ -58,8 +59,7 @@ struct ItemReport {
     )
 )]
 pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request) -> Result<Json<BatchReport>, Failure> {
-    let deadline = form::deadline(&service, request.headers())?;
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let Form { images, request } = form::read_form::<BatchRequest>(&service, request, deadline).await?;
     if images.is_empty() {
         return Err(Failure::invalid("no part 'image'; send at least one"));

@@ -19,6 +19,7 @@ pub(super) fn status(kind: FailureKind) -> StatusCode {
         FailureKind::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
         FailureKind::TimedOut => StatusCode::GATEWAY_TIMEOUT,
         FailureKind::QueueFull => StatusCode::TOO_MANY_REQUESTS,
+        FailureKind::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         FailureKind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
 }

@@ -11,6 +11,7 @@ use bytes::Bytes;
 use super::form::{self, Form, Kind};
 use super::picture;
 use super::query::EstimateQuery;
+use super::upload::Admitted;
 use crate::estimator::Answer;
 use crate::server::api::json::{ErrorBody, EstimateRequest, Report, ReportContext};
 use crate::server::service::{Failure, Options, PoseWork, Service};
@@ -57,9 +58,8 @@ pub(super) async fn poses(
     request: Request,
 ) -> Result<Response, Failure> {
     let Query(query) = query.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
-    let deadline = form::deadline(&service, request.headers())?;
     let picture = picture::wanted(request.headers());
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let kind = if query.is_raw() { Kind::Image } else { Kind::of(request.headers())? };
     let (image, options) = match kind {
         Kind::Image => {

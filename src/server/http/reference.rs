@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, Request, State};
+use axum::extract::{Request, State};
 
 use super::form::{self, Form};
+use super::path::ObjectName;
+use super::upload::Admitted;
 use crate::server::api::json::{ErrorBody, ReferenceReport, ReferenceRequest};
 use crate::server::service::{Failure, Recalibration, Service};
 
@@ -37,12 +39,11 @@ use crate::server::service::{Failure, Recalibration, Service};
 )]
 pub(super) async fn replace(
     State(service): State<Arc<Service>>,
-    Path(object): Path<String>,
+    ObjectName(object): ObjectName,
     request: Request,
 ) -> Result<Json<ReferenceReport>, Failure> {
     service.may_recalibrate(&object)?;
-    let deadline = form::deadline(&service, request.headers())?;
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let Form { images, request } = form::read_form::<ReferenceRequest>(&service, request, deadline).await?;
     let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one with the known poses"))?;
     let mode = request.mode;

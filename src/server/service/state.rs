@@ -1,6 +1,7 @@
 //! Everything that is loaded once and serves until the end.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use thiserror::Error;
@@ -27,6 +28,8 @@ pub(crate) struct Service {
     pub(super) batch_turns: tokio::sync::Semaphore,
     /// There where clients may replace references. One at a time: two of one object would mix their images.
     pub(super) recalibration: Option<tokio::sync::Mutex<()>>,
+    /// The server is about to end: requests should go elsewhere, and are answered nevertheless.
+    draining: AtomicBool,
 }
 
 /// A request at its end.
@@ -70,19 +73,39 @@ impl Service {
         let metrics = Metrics::new(queue.clone(), &models, &limits);
         let recalibration = config.recalibration.then(|| tokio::sync::Mutex::new(()));
         let (recent, batch_turns) = (Recent::default(), tokio::sync::Semaphore::new(limits.batch_places()));
-        Ok(Self { queue, library, references, cameras, models, limits, metrics, recent, batch_turns, recalibration })
+        Ok(Self {
+            queue,
+            library,
+            references,
+            cameras,
+            models,
+            limits,
+            metrics,
+            recent,
+            batch_turns,
+            recalibration,
+            draining: AtomicBool::new(false),
+        })
     }
 
     /// `Err` says why no request should come here now.
     pub(super) fn serves(&self) -> Result<(), &'static str> {
-        if self.queue.stats().ready_workers.load(std::sync::atomic::Ordering::Relaxed) == 0 {
-            return Err("all workers have failed; see the log");
+        if self.draining.load(Ordering::Relaxed) {
+            return Err("shutting down");
+        }
+        if self.queue.stats().ready_workers.load(Ordering::Relaxed) == 0 {
+            return Err("all workers have failed or hang; see the log");
         }
         let mut objects = self.library.known();
         if !objects.any(|object| self.is_calibrated(&object.manifest.name)) && self.recalibration.is_none() {
             return Err("no object is calibrated; run `posed calibrate`");
         }
         Ok(())
+    }
+
+    /// From now on it is not ready.
+    pub(crate) fn set_draining(&self) {
+        self.draining.store(true, Ordering::Relaxed);
     }
 
     pub(super) fn is_calibrated(&self, object: &str) -> bool {
