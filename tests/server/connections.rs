@@ -47,7 +47,7 @@ async fn silent_sockets_do_not_keep_probes_out() {
 /// `[::]` means every interface of both kinds.
 #[tokio::test]
 async fn both_kinds_of_addresses_are_served() {
-    let server = Server::start(&["--http", "[::]:0"]);
+    let server = Server::start_at("[::]:0");
     let port = server.http.port();
     let mut hosts = vec!["127.0.0.1"];
     if std::net::TcpListener::bind("[::1]:0").is_ok() {

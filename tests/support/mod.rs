@@ -63,6 +63,11 @@ impl Server {
         Self::run(command)
     }
 
+    /// A server with another address for HTTP.
+    pub fn start_at(http: &str) -> Self {
+        Self::run(posed(&["serve", "--http", http, "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"]))
+    }
+
     /// A server that may open so many files.
     pub fn start_with_files(files: u32, arguments: &[&str]) -> Self {
         let mut command = Command::new("sh");
