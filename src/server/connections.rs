@@ -17,6 +17,7 @@ use tokio_io_timeout::TimeoutStream;
 
 use super::open::{Counted, OpenConnections};
 use super::stop::stopped;
+use super::tls::Tls;
 
 /// What a front end speaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,11 +34,22 @@ const HTTP2_STREAM_WINDOW: u32 = 128 * 1024;
 const HTTP2_CONNECTION_WINDOW: u32 = 256 * 1024;
 const HTTP2_SEND_BUFFER: usize = 64 * 1024;
 const HTTP2_HEADERS: u32 = 8 * 1024;
+/// TLS holds a record in each direction, and up to 64 KiB that are still to be written.
+const TLS_BUFFERS: u64 = 128 * 1024;
 
 impl Protocol {
-    /// What one connection takes at most, beside the bodies that were admitted.
-    pub(super) fn connection_bytes(self) -> u64 {
+    /// As ALPN calls it.
+    fn name(self) -> &'static [u8] {
         match self {
+            Self::Http1 => b"http/1.1",
+            Self::Http2 => b"h2",
+        }
+    }
+
+    /// What one connection takes at most, beside the bodies that were admitted.
+    pub(super) fn connection_bytes(self, tls: bool) -> u64 {
+        let tls = if tls { TLS_BUFFERS } else { 0 };
+        tls + match self {
             // Read and write buffer, and an answer on its way.
             Self::Http1 => 3 * HTTP1_BUFFER as u64,
             // Open calls are counted by whoever answers them.
@@ -91,7 +103,13 @@ impl Listener {
     }
 
     /// Serves until the stop, and then what was asked before.
-    pub(super) async fn serve(self, protocol: Protocol, router: Router, stopping: watch::Receiver<bool>) {
+    pub(super) async fn serve(
+        self,
+        protocol: Protocol,
+        tls: Option<Tls>,
+        router: Router,
+        stopping: watch::Receiver<bool>,
+    ) {
         let limits = self.limits;
         let (mut door, graceful) = (Door::new(self), GracefulShutdown::new());
         let builder = Arc::new(builder(protocol, limits.idle));
@@ -103,11 +121,20 @@ impl Listener {
             };
             let Some(io) = prepare(stream, protocol, limits) else { continue };
             let (builder, watcher, connection) = (Arc::clone(&builder), graceful.watcher(), door.open.add());
-            let (router, stopping) = (router.clone(), stopping.clone());
+            let (router, stopping, idle) = (router.clone(), stopping.clone(), limits.idle);
+            let tls = tls.as_ref().map(|tls| tls.acceptor(protocol.name()));
             tokio::spawn(async move {
                 let counted = Counted { service: router, connection: Arc::clone(&connection) };
                 let service = TowerToHyperService::new(counted);
-                let served = watcher.watch(builder.serve_connection(TokioIo::new(io), service).into_owned());
+                let served = async {
+                    let Some(tls) = tls else {
+                        let io = TokioIo::new(io);
+                        return watcher.watch(builder.serve_connection(io, service).into_owned()).await;
+                    };
+                    // Whoever does not finish the greeting asks nothing, either.
+                    let io = TokioIo::new(tokio::time::timeout(idle, tls.accept(io)).await??);
+                    watcher.watch(builder.serve_connection(io, service).into_owned()).await
+                };
                 tokio::select! {
                     // Clients break connections off, and send what is no HTTP: neither is a fault of ours.
                     ended = served => if let Err(error) = ended {

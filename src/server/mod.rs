@@ -19,9 +19,11 @@ mod settings;
 mod settings_file;
 mod stop;
 mod telemetry;
+mod tls;
 
 pub use http::openapi;
 pub use run::{ServeError, run};
 pub use settings::{Config, LogFormat, SettingsError};
 pub use settings_file::{SettingsFile, SettingsFileError, default_settings};
 pub use telemetry::{LogControl, init_logs};
+pub use tls::TlsError;

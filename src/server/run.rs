@@ -10,9 +10,10 @@ use tokio::task::JoinSet;
 
 use super::connections::{ConnectionLimits, Listener, Protocol};
 use super::front_end::{Context, FrontEnd};
-use super::service::{Connections, LoadFailure, Readiness, Service};
+use super::service::{Access, AccessError, Connections, LoadFailure, Readiness, Service};
 use super::settings::Config;
 use super::telemetry::LogControl;
+use super::tls::{Tls, TlsError};
 use super::{admin, descriptors, grpc, http, observe};
 
 /// Every front end that clients see. A new one is a folder beside this file and a line here.
@@ -29,12 +30,20 @@ pub enum ServeError {
     Bind { protocol: &'static str, address: SocketAddr, source: std::io::Error },
     #[error("cannot wait for signals: {0}")]
     Signal(std::io::Error),
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     #[error("{0}")]
     Load(String),
     #[error("loading the models failed; the log has the details")]
     Panicked,
     #[error("the {protocol} server cannot be built: {reason}")]
     FrontEnd { protocol: &'static str, reason: String },
+}
+
+impl From<AccessError> for ServeError {
+    fn from(error: AccessError) -> Self {
+        Self::Load(error.to_string())
+    }
 }
 
 impl From<LoadFailure> for ServeError {
@@ -55,6 +64,9 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     let delay = Duration::from_millis(config.shutdown_delay_ms);
     let (stop, stopping) = watch::channel(false);
     let readiness = Readiness::default();
+    let access = Access::read(config.tokens.as_deref())?;
+    let tls = config.tls_certificate.as_deref().zip(config.tls_key.as_deref());
+    let tls = tls.map(|(certificate, key)| Tls::read(certificate, key)).transpose()?;
     // Every port before the models: one in use is known at once, and probes are answered while the models load.
     let limits = connection_limits(&config);
     let of_admin = ConnectionLimits { most: ADMIN_CONNECTIONS, idle: limits.idle.min(ADMIN_IDLE), ..limits };
@@ -64,12 +76,13 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
         listeners.push(bind(front_end.name, (front_end.address)(&config), limits)?);
     }
     // Ends with the program: probes are answered until then.
-    let probes = admin::router(readiness.clone(), logs);
+    let probes = admin::router(readiness.clone(), logs, access.clone());
     let (_never, until_the_end) = watch::channel(false);
-    tokio::spawn(admin.serve(Protocol::Http1, probes, until_the_end));
-    signals.ignore_hangup();
+    tokio::spawn(admin.serve(Protocol::Http1, None, probes, until_the_end));
+    signals.reload_on_hangup(access.clone(), tls.clone());
 
-    let loading = tokio::task::spawn_blocking(move || Service::load(&config, connections(limits)));
+    let encrypted = tls.is_some();
+    let loading = tokio::task::spawn_blocking(move || Service::load(&config, connections(limits, encrypted), access));
     let service = tokio::select! {
         loaded = loading => Arc::new(loaded.map_err(|_| ServeError::Panicked)??),
         () = signals.next() => return Ok(()),
@@ -83,7 +96,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
         let built = (front_end.router)(Arc::clone(&context)).await;
         let failed = |error| ServeError::FrontEnd { protocol: front_end.name, reason: format!("{error}") };
         let router = observe::with_marks(built.map_err(failed)?);
-        servers.spawn(listener.serve(front_end.protocol, router, stopping.clone()));
+        servers.spawn(listener.serve(front_end.protocol, tls.clone(), router, stopping.clone()));
     }
     tracing::info!("ready after {:.1} s", start.elapsed().as_secs_f64());
 
@@ -128,11 +141,11 @@ fn connection_limits(config: &Config) -> ConnectionLimits {
 }
 
 /// What all connections may take.
-fn connections(limits: ConnectionLimits) -> Connections {
+fn connections(limits: ConnectionLimits, tls: bool) -> Connections {
     let of_ports = FRONT_ENDS
         .iter()
-        .map(|front_end| limits.most as u64 * front_end.protocol.connection_bytes() + front_end.requests_bytes);
-    Connections { bytes: of_ports.sum::<u64>() + ADMIN_CONNECTIONS as u64 * Protocol::Http1.connection_bytes() }
+        .map(|front_end| limits.most as u64 * front_end.protocol.connection_bytes(tls) + front_end.requests_bytes);
+    Connections { bytes: of_ports.sum::<u64>() + ADMIN_CONNECTIONS as u64 * Protocol::Http1.connection_bytes(false) }
 }
 
 struct Signals {
@@ -151,12 +164,18 @@ impl Signals {
         })
     }
 
-    /// A terminal that closes, or a wish to reload, must not end the server.
-    fn ignore_hangup(&mut self) {
+    /// Reads the tokens and the certificate again. A terminal that closes must not end the server.
+    fn reload_on_hangup(&mut self, access: Access, tls: Option<Tls>) {
         let Some(mut hangup) = self.hangup.take() else { return };
         tokio::spawn(async move {
             while hangup.recv().await.is_some() {
-                tracing::info!("SIGHUP: there is nothing to reload; to change settings or models, restart the server");
+                tracing::info!(
+                    "SIGHUP: reading tokens and certificate again; other settings and models need a restart"
+                );
+                access.reload();
+                if let Some(tls) = &tls {
+                    tls.reload();
+                }
             }
         });
     }

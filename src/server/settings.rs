@@ -18,6 +18,7 @@ const MODELS: &str = "What to serve";
 const RUN: &str = "What to run on";
 const LIMITS: &str = "Limits";
 const TIMES: &str = "Times";
+const SAFETY: &str = "Who may connect";
 const LOGS: &str = "Logs";
 
 /// Memory that the largest image must be able to use, for each of its pixels.
@@ -137,6 +138,16 @@ pub struct Config {
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
     #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
     pub drain_seconds: u64,
+    /// File of bearer tokens. Each line has the SHA-256 of a token and its scopes: estimate, calibrate, admin. Without it
+    /// everybody may do everything.
+    #[arg(long, env = "POSED_TOKENS", help_heading = SAFETY)]
+    pub tokens: Option<PathBuf>,
+    /// Certificate chain of the HTTP and gRPC ports, a PEM file. Without it they do not use TLS.
+    #[arg(long, env = "POSED_TLS_CERTIFICATE", help_heading = SAFETY)]
+    pub tls_certificate: Option<PathBuf>,
+    /// Private key of the certificate, a PEM file.
+    #[arg(long, env = "POSED_TLS_KEY", help_heading = SAFETY)]
+    pub tls_key: Option<PathBuf>,
     /// Log level, or a filter such as "info,posed=debug".
     #[arg(long, env = "POSED_LOG", default_value = "info,ort=warn", help_heading = LOGS)]
     pub log: String,
@@ -171,6 +182,8 @@ pub enum SettingsError {
          {least}; raise 'pixel_bytes', or lower 'max_pixels'"
     )]
     PixelBytes { pixel_bytes: usize, max_pixels: u64, least: u64 },
+    #[error("setting '{given}' is set, but '{missing}' is not; TLS needs both")]
+    Tls { given: &'static str, missing: &'static str },
 }
 
 impl Config {
@@ -186,6 +199,11 @@ impl Config {
         }
         if timeout_ms > max_timeout_ms {
             return Err(SettingsError::Timeout { timeout_ms, max_timeout_ms });
+        }
+        match (&self.tls_certificate, &self.tls_key) {
+            (Some(_), None) => return Err(SettingsError::Tls { given: "tls_certificate", missing: "tls_key" }),
+            (None, Some(_)) => return Err(SettingsError::Tls { given: "tls_key", missing: "tls_certificate" }),
+            (Some(_), Some(_)) | (None, None) => {}
         }
         let least = BYTES_PER_PIXEL * max_pixels;
         if (pixel_bytes as u64) < least {
@@ -291,6 +309,7 @@ mod tests {
     fn settings_that_contradict_each_other_are_refused_by_name() {
         for (flags, words) in [
             (&["--queue-bytes=2000"][..], ["'queue_bytes' is 2000", "'max_body_bytes', 16777216"]),
+            (&["--tls-key=key.pem"], ["'tls_key' is set", "'tls_certificate' is not"]),
             (&["--timeout-ms=100000"], ["'timeout_ms' is 100000", "60000 ('max_timeout_ms')"]),
             (
                 &["--pixel-bytes=15999", "--max-pixels=1000"],

@@ -1,6 +1,7 @@
 //! The real server, with the shipped models and real clients.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
+mod access;
 mod admin;
 mod connections;
 mod counting;

@@ -5,6 +5,7 @@ use bytes::Bytes;
 use h2::client::SendRequest;
 use h2::{RecvStream, SendStream};
 use http::{Request, Response};
+use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::support::Server;
 
@@ -22,7 +23,10 @@ pub struct RawCall {
 
 impl RawClient {
     pub async fn connect(server: &Server) -> Self {
-        let stream = tokio::net::TcpStream::connect(server.grpc).await.unwrap();
+        Self::over(tokio::net::TcpStream::connect(server.grpc).await.unwrap()).await
+    }
+
+    pub async fn over(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Self {
         let (requests, mut connection) = h2::client::handshake(stream).await.unwrap();
         // The server's settings come with its first bytes.
         let most_calls = loop {

@@ -41,7 +41,7 @@ pub(super) fn read_manifest<T: DeserializeOwned>(
 
 /// Reads a model file and checks it against the hash that its manifest states.
 pub(in crate::model) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>, ManifestError> {
-    let bytes = read_file(path, MAX_MODEL_BYTES)?;
+    let bytes = read_regular(path, MAX_MODEL_BYTES).map_err(unreadable(path))?;
     let found = hex(&Sha256::digest(&bytes));
     if !found.eq_ignore_ascii_case(stated) {
         return Err(ManifestError::Hash { path: path.into(), stated: stated.into(), found });
@@ -60,24 +60,25 @@ pub(super) fn check_name(name: &str) -> Result<(), String> {
 }
 
 pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
-    let text = read_file(path, MAX_JSON_BYTES)?;
+    let text = read_regular(path, MAX_JSON_BYTES).map_err(unreadable(path))?;
     serde_json::from_slice(&text).map_err(|source| ManifestError::Json { path: path.into(), source })
 }
 
 /// Reads a regular file: a pipe might never end, or never begin.
-fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ManifestError> {
-    let read = || {
-        if !path.metadata()?.is_file() {
-            return Err(io::Error::other("it is not a regular file"));
-        }
-        let mut bytes = Vec::new();
-        File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > limit {
-            return Err(io::Error::other(format!("it is larger than {limit} bytes")));
-        }
-        Ok(bytes)
-    };
-    read().map_err(|source| ManifestError::Read { path: path.into(), source })
+pub(crate) fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    if !path.metadata()?.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(io::Error::other(format!("it is larger than {limit} bytes")));
+    }
+    Ok(bytes)
+}
+
+fn unreadable(path: &Path) -> impl FnOnce(io::Error) -> ManifestError {
+    move |source| ManifestError::Read { path: path.into(), source }
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::extract::{Request, State};
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -48,9 +48,12 @@ impl Admitting {
             let message = format!("{MAX_CALLS} calls are open already; try again in a moment");
             Failure::new(FailureKind::QueueFull, message)
         };
+        let service = &self.context.service;
+        if let Some(scope) = route.needs() {
+            service.access.check(headers.get(header::AUTHORIZATION).map(HeaderValue::as_bytes), scope)?;
+        }
         let place = Arc::clone(&self.calls).try_acquire_owned().map_err(full)?;
         let asked = grpc_timeout(headers)?;
-        let service = &self.context.service;
         let deadline = match (route.is_single(), asked) {
             (true, asked) => Some(service.deadline(asked)),
             // These may last.
@@ -68,14 +71,14 @@ impl Admitting {
         tokio::select! {
             biased;
             response = next.run(Request::from_parts(parts, body)) => match route {
-                Route::Other => response.map(|body| Until::body(body, stop())),
+                Route::Health | Route::Other => response.map(|body| Until::body(body, stop())),
                 Route::Estimate | Route::EstimateStream | Route::ListObjects => response,
             },
             () = expired(call.deadline) => {
                 let message = "the time limit of the call expired; raise it, or send less";
                 Status::from(call.failed(Failure::new(FailureKind::TimedOut, message))).into_http()
             }
-            () = stop(), if route == Route::Other => shutting_down().into_http(),
+            () = stop(), if !route.is_ours() => shutting_down().into_http(),
         }
     }
 }

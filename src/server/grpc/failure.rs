@@ -18,6 +18,7 @@ pub(super) fn code(kind: FailureKind) -> Code {
         FailureKind::TooLarge | FailureKind::QueueFull => Code::ResourceExhausted,
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => Code::NotFound,
         FailureKind::NotCalibrated | FailureKind::Unmeasurable => Code::FailedPrecondition,
+        FailureKind::Unauthenticated => Code::Unauthenticated,
         FailureKind::Forbidden => Code::PermissionDenied,
         FailureKind::MethodNotAllowed => Code::Unimplemented,
         FailureKind::Unavailable => Code::Unavailable,
@@ -37,7 +38,8 @@ pub(super) fn outcome(code: Code) -> &'static str {
         Code::ResourceExhausted => "queue_full",
         Code::DeadlineExceeded => "timed_out",
         Code::Unavailable => "unavailable",
-        Code::Unauthenticated | Code::PermissionDenied => "forbidden",
+        Code::Unauthenticated => "unauthenticated",
+        Code::PermissionDenied => "forbidden",
         Code::Unknown | Code::Internal | Code::DataLoss => "internal",
     }
 }

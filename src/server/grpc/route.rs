@@ -1,12 +1,16 @@
 //! The calls that are told apart, in the metrics and by what they may do.
 
+use crate::server::service::Scope;
+
 /// One of our calls, or any other: bounded, however many paths clients make up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Route {
     Estimate,
     EstimateStream,
     ListObjects,
-    /// Health checks, reflection, and what is no call of ours: nobody's work waits for them.
+    /// Health checks.
+    Health,
+    /// Reflection, and what is no call of ours.
     Other,
 }
 
@@ -16,6 +20,7 @@ impl Route {
             Some("Estimate") => Self::Estimate,
             Some("EstimateStream") => Self::EstimateStream,
             Some("ListObjects") => Self::ListObjects,
+            None if path.starts_with("/grpc.health.v1.Health/") => Self::Health,
             Some(_) | None => Self::Other,
         }
     }
@@ -25,6 +30,7 @@ impl Route {
             Self::Estimate => "Estimate",
             Self::EstimateStream => "EstimateStream",
             Self::ListObjects => "ListObjects",
+            Self::Health => "health",
             Self::Other => "other",
         }
     }
@@ -32,6 +38,20 @@ impl Route {
     /// One message, and the call is complete.
     pub(super) fn is_single(self) -> bool {
         matches!(self, Self::Estimate | Self::ListObjects)
+    }
+
+    /// Nobody's work waits for the others.
+    pub(super) fn is_ours(self) -> bool {
+        !matches!(self, Self::Health | Self::Other)
+    }
+
+    /// What a token must be good for; health checks need none.
+    pub(super) fn needs(self) -> Option<Scope> {
+        match self {
+            Self::Health => None,
+            Self::ListObjects | Self::Other => Some(Scope::Any),
+            Self::Estimate | Self::EstimateStream => Some(Scope::Estimate),
+        }
     }
 
     pub(super) fn is_for_poses(self) -> bool {

@@ -53,7 +53,7 @@ impl Messages {
         self.started |= !data.is_empty();
         while let Some(length) = self.frame.next_length(&mut data) {
             self.message.reset();
-            if self.route == Route::Other && length > MAX_OTHER_BYTES {
+            if !self.route.is_ours() && length > MAX_OTHER_BYTES {
                 let message = format!("the message is larger than {MAX_OTHER_BYTES} bytes");
                 return Err(Failure::new(FailureKind::TooLarge, message));
             }
@@ -75,7 +75,7 @@ impl Messages {
     /// Whether the client owes us something now: the first message, the rest of one, or the end of a call that has but one.
     /// Between the frames of a stream it may be silent.
     fn is_due(&self) -> bool {
-        self.frame.is_inside() || self.route.is_single() || (!self.started && self.route == Route::Other)
+        self.frame.is_inside() || self.route.is_single() || (!self.started && !self.route.is_ours())
     }
 
     fn stall(&mut self, context: &mut Context<'_>) -> Poll<Failure> {

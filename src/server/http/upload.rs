@@ -18,7 +18,7 @@ use thiserror::Error;
 use super::timeout;
 use crate::estimator::{BodyLease, Refusal};
 use crate::server::body::{Held, Stall, drain};
-use crate::server::service::{Failure, FailureKind, Service};
+use crate::server::service::{Failure, FailureKind, Scope, Service};
 
 /// What a request was admitted with, for its handler.
 #[derive(Clone)]
@@ -42,16 +42,26 @@ pub(super) enum UploadError {
     Broken(#[source] axum::Error),
 }
 
-/// Asks for room before the body is read. What is refused is refused here, before the upload.
+/// Asks who it is, and for room, before the body is read. What is refused is refused here, before the upload.
 pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
-    if matches!(*request.method(), Method::GET | Method::HEAD) {
-        return next.run(request).await;
+    let scope = match *request.method() {
+        Method::GET | Method::HEAD => Scope::Any,
+        Method::PUT => Scope::Calibrate,
+        _ => Scope::Estimate,
+    };
+    let allowed = service.access.check(request.headers().get(header::AUTHORIZATION).map(HeaderValue::as_bytes), scope);
+    if scope == Scope::Any {
+        return match allowed {
+            Ok(()) => next.run(request).await,
+            Err(failure) => failure.into_response(),
+        };
     }
     let (mut parts, body) = request.into_parts();
     let unread = Unread::new(&parts.headers);
     let (limit, timeout) = (service.limits.max_body_bytes, service.limits.body_timeout);
     let upload = |lease| Upload { body, lease, received: 0, limit, timeout, stall: None, unread: unread.clone() };
-    let admitted = timeout::deadline(&service, &parts.headers).and_then(|deadline| {
+    let admitted = allowed.and_then(|()| {
+        let deadline = timeout::deadline(&service, &parts.headers)?;
         let body = service.admit(announced(&parts.headers), deadline)?;
         Ok(Admitted { body, deadline })
     });

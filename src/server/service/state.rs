@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use super::access::Access;
 use super::cameras::{CameraFolderError, Cameras};
 use super::limits::{Connections, Limits};
 use super::metrics::Metrics;
@@ -23,6 +24,7 @@ pub(crate) struct Service {
     pub(crate) models: ModelsInUse,
     pub(crate) limits: Limits,
     pub(crate) metrics: Metrics,
+    pub(crate) access: Access,
     pub(super) recent: Recent,
     /// Turns of images that come in batches.
     pub(super) batch_turns: tokio::sync::Semaphore,
@@ -58,7 +60,7 @@ pub(crate) enum LoadFailure {
 impl Service {
     /// Loads everything from disk and starts the workers, warmed up. `connections` is what the front ends' connections may
     /// take in all.
-    pub(crate) fn load(config: &Config, connections: Connections) -> Result<Self, LoadFailure> {
+    pub(crate) fn load(config: &Config, connections: Connections, access: Access) -> Result<Self, LoadFailure> {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
         let library = Arc::new(Library::load(&config.models)?);
         let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
@@ -81,6 +83,7 @@ impl Service {
             models,
             limits,
             metrics,
+            access,
             recent,
             batch_turns,
             recalibration,
