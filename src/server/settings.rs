@@ -106,11 +106,11 @@ pub struct Config {
     pub max_connections: usize,
     /// Default time limit of a request, milliseconds.
     #[arg(long, env = "POSED_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(1..=3_600_000))]
+    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub timeout_ms: u64,
     /// Maximum time limit that a request can set, milliseconds.
     #[arg(long, env = "POSED_MAX_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(1..=3_600_000))]
+    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub max_timeout_ms: u64,
     /// Maximum pause while a client sends a body, milliseconds. After it the request fails.
     #[arg(long, env = "POSED_BODY_TIMEOUT_MS", help_heading = TIMES)]
@@ -127,7 +127,7 @@ pub struct Config {
     pub idle_timeout_ms: u64,
     /// Maximum time that a worker may take for its images, milliseconds. After it the worker is taken out until it comes back.
     #[arg(long, env = "POSED_WORKER_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 30_000, value_parser = whole::<u64>(1..=3_600_000))]
+    #[arg(default_value_t = 30_000, value_parser = whole::<u64>(1000..=3_600_000))]
     pub worker_timeout_ms: u64,
     /// Time after a shutdown signal during which the server is not ready but still takes requests, milliseconds. Set it to
     /// what your load balancer needs to notice.
@@ -295,6 +295,8 @@ mod tests {
             ("--max-side-px=15", "from 16 to 4294967295"),
             ("--max-side-px=4294967296", "from 16 to 4294967295"),
             ("--max-pixels=255", "from 256 to"),
+            ("--timeout-ms=1", "from 100 to 3600000"),
+            ("--worker-timeout-ms=1", "from 1000 to 3600000"),
             ("--max-connections=7", "from 8 to 65536"),
             ("--idle-timeout-ms=3600001", "from 100 to 3600000"),
             ("--provider=abacus", "cpu, cuda, tensorrt, openvino"),

@@ -42,11 +42,11 @@ fn flags_win_over_the_environment_the_environment_over_the_file_and_the_file_ove
             assert!(said.contains(&words), "{said}");
         }
     };
-    let (file, environment) = ("max_timeout_ms = 5\n", [("POSED_TIMEOUT_MS", "200")]);
-    timeouts(file, &[], &[], [10_000, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &[], &[], [100, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &environment, &[], [200, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &environment, &["--timeout-ms", "300"], [300, 5]);
+    let (file, environment) = ("max_timeout_ms = 100\n", [("POSED_TIMEOUT_MS", "300")]);
+    timeouts(file, &[], &[], [10_000, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &[], &[], [200, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &environment, &[], [300, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &environment, &["--timeout-ms", "400"], [400, 100]);
 }
 
 #[test]

@@ -27,13 +27,19 @@ use crate::server::service::{Failure, Recalibration, Service};
     responses(
         (status = 200, description = "The new reference", body = ReferenceReport),
         (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
-        (status = 403, description = "The server runs without `--recalibration`", body = ErrorBody),
+        (status = 401, description = "The server needs a token, and there is none, or an unknown one", body = ErrorBody),
+        (status = 403, description = "The server runs without `--recalibration`, or the token lacks the scope", body = ErrorBody),
         (status = 404, description = "The object or the camera is unknown", body = ErrorBody),
         (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
         (status = 415, description = "The body is not a form", body = ErrorBody),
         (status = 422, description = "The object cannot be measured in an image, or images disagree", body = ErrorBody),
-        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (
+            status = 429,
+            description = "The server is out of room, or the answer would come too late; retry after `Retry-After`",
+            body = ErrorBody
+        ),
         (status = 500, description = "The server failed on this request", body = ErrorBody),
+        (status = 503, description = "All workers have failed or hang", body = ErrorBody),
         (status = 504, description = "No answer in time, or the body stalled", body = ErrorBody),
     )
 )]
