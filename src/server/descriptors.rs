@@ -3,7 +3,7 @@
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 /// For everything that is no connection: libraries, files, threads' own.
-const RESERVED: u64 = 64;
+const RESERVED: u64 = 32;
 
 /// How many connections each of some ports may have, at most as many as `asked`, beside `others`. Raises the soft limit of
 /// the process as far as it is needed and allowed.

@@ -20,7 +20,7 @@ use super::{admin, descriptors, grpc, http, observe};
 const FRONT_ENDS: [FrontEnd; 2] = [http::FRONT_END, grpc::FRONT_END];
 
 /// Connections to the port for operators, which clients cannot use up.
-const ADMIN_CONNECTIONS: usize = 32;
+const ADMIN_CONNECTIONS: usize = 16;
 /// They are asked often, or not at all.
 const ADMIN_IDLE: Duration = Duration::from_secs(5);
 

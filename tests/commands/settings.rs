@@ -22,6 +22,8 @@ fn the_printed_settings_are_a_file_of_settings_and_wrong_ones_are_refused() {
     assert!(said.contains("'many' for '--queue <QUEUE>'") && said.contains("from 1 to 65536"), "{said}");
     refuses_to_serve(&["--config", "nowhere.toml"], "cannot read nowhere.toml");
     refuses_to_serve(&["--provider", "cuda"], "'cuda'");
+    refuses_to_serve(&["--log", "info,posd=debug"], "setting 'log' is \"info,posd=debug\": unknown target \"posd\"");
+    refuses_to_serve(&["--max-pixels", "0"], "'0' for '--max-pixels <MAX_PIXELS>': it must be a whole number from 256");
 }
 
 /// Seen in what is said of two settings that contradict each other.

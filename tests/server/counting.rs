@@ -64,6 +64,34 @@ async fn what_no_handler_sees_is_counted_too() {
     }
 }
 
+/// Open calls are bounded, on one connection and on all; those beyond are refused, and counted like all others.
+#[tokio::test]
+async fn calls_beyond_the_limit_are_refused_and_counted() {
+    let server = Server::start(&[]);
+    let mut clients = Vec::new();
+    let mut open = Vec::new();
+    let refused = loop {
+        let mut client = RawClient::connect(&server).await;
+        for _ in 1..client.most_calls {
+            open.push(client.call("EstimateStream", &[]).await);
+        }
+        // Refused calls are answered at once, others not before their first message.
+        let mut call = client.call("ListObjects", &[]).await;
+        call.send(b"", true);
+        let answer = call.answer().await;
+        clients.push(client);
+        if let Some(code) = answer.headers().get("grpc-status") {
+            break code.to_str().unwrap().to_owned();
+        }
+        assert!(clients.len() < 100, "there is no limit");
+    };
+    assert_eq!(refused, "8");
+    let counted = "protocol=\"grpc\",route=\"ListObjects\",outcome=\"queue_full\"} 1";
+    server.until_counted(counted).await;
+    drop((open, clients));
+    assert_eq!(post(&server, CAMERA, read(&samples()[0].file)).await.status(), 200);
+}
+
 /// Whatever clients send: lines are short, and numbers are numbers.
 #[tokio::test]
 async fn lines_of_the_log_are_short_and_typed() {
