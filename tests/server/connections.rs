@@ -1,7 +1,9 @@
 //! More connections than there are places.
 
+use std::time::Duration;
+
 use reqwest::StatusCode;
-use tokio::io::AsyncWriteExt as _;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
 use crate::raw_grpc::RawClient;
@@ -31,6 +33,29 @@ async fn silent_sockets_leave_their_places_to_others() {
     server.until_logged("'max_connections'").await;
     let log = server.log();
     assert!(log.contains("`ulimit -n`") && !log.contains("cannot accept"), "{log}");
+}
+
+/// Nobody waits for their places here: they end because their time is over.
+#[tokio::test]
+async fn silent_connections_end_after_their_time() {
+    let server = Server::start(&["--idle-timeout-ms", "700"]);
+    let hello = [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", &[0, 0, 0, 4, 0, 0, 0, 0, 0][..]].concat();
+    for (address, said) in [
+        (server.http, &b""[..]),
+        (server.http, b"POST /v1/poses HTTP/1.1\r\nhost:"),
+        (server.http, b"GET /v1/limits HTTP/1.1\r\nhost: posed\r\n\r\n"),
+        (server.grpc, b""),
+        (server.grpc, b"PRI * HT"),
+        // It never answers a ping.
+        (server.grpc, &hello),
+        (server.admin, b""),
+    ] {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        stream.write_all(said).await.unwrap();
+        let ended = tokio::time::timeout(Duration::from_mins(1), stream.read_to_end(&mut Vec::new())).await;
+        assert!(ended.is_ok(), "still open after {:?}", String::from_utf8_lossy(said));
+    }
+    assert_still_works(&server).await;
 }
 
 /// The operators' port makes room as well.
