@@ -25,7 +25,8 @@ COPY models models
 # Its own user may write here, for servers that allow recalibration.
 COPY --chown=65532:65532 reference reference
 COPY samples/demo.camera.json cameras/
-ENV PATH=/app:/usr/bin:/bin POSED_CAMERAS=cameras POSED_LOG_FORMAT=json
+# The port for operators is for this container's network, not for its loopback alone: publish it with care.
+ENV PATH=/app:/usr/bin:/bin POSED_CAMERAS=cameras POSED_LOG_FORMAT=json POSED_ADMIN=0.0.0.0:8081
 USER 65532:65532
 # HTTP, gRPC, admin.
 EXPOSE 8080 9000 8081

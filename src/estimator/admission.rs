@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use thiserror::Error;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -42,6 +43,18 @@ pub enum Refusal {
     Images { limit: usize },
     #[error("no room for the body: all bodies together are limited to {limit} bytes ('queue_bytes'); retry later")]
     Bytes { limit: usize },
+    #[error(
+        "the server is busy: the image would be answered in about {} ms, after the time limit of the request; retry later, \
+         or allow more time", expected.as_millis()
+    )]
+    Busy { expected: Duration },
+    #[error(
+        "the time limit of the request is too short: an image takes about {} ms at the moment; allow more time",
+        alone.as_millis()
+    )]
+    Hasty { alone: Duration },
+    #[error("all workers have failed or hang; the log of the server has the details")]
+    NoWorkers,
 }
 
 /// A body up to this size may take the last eighth of the bytes: large bodies never keep the small ones out.

@@ -9,6 +9,7 @@ mod footprint;
 mod gates;
 mod job;
 mod keypoints;
+mod pace;
 mod parity;
 mod picture;
 mod pipeline;
@@ -18,6 +19,7 @@ mod solver;
 mod stated_pose;
 mod stats;
 mod verdict;
+mod watchdog;
 mod worker;
 
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};

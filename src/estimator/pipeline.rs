@@ -9,6 +9,7 @@ use super::detect::detect;
 use super::doubts;
 use super::gates::object_pose;
 use super::keypoints::{self, Crops};
+use super::watchdog::Activity;
 use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
@@ -39,6 +40,8 @@ pub struct Estimator {
     references: Arc<References>,
     networks: Networks,
     resizer: Resizer,
+    /// For whoever watches: which network runs.
+    pub(super) activity: Arc<Activity>,
 }
 
 /// An image on its way through the stages.
@@ -66,7 +69,7 @@ impl Estimator {
         backend: &dyn Backend,
     ) -> Result<Self, RuntimeError> {
         let networks = Networks::load(&library, backend)?;
-        Ok(Self { library, references, networks, resizer: Resizer::new() })
+        Ok(Self { library, references, networks, resizer: Resizer::new(), activity: Arc::default() })
     }
 
     /// Finds all calibrated objects in one image, the most trusted poses first.
@@ -118,6 +121,7 @@ impl Estimator {
         };
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
+        self.activity.runs(&of_object(object));
         let solved =
             keypoints::solve_within(&model.manifest, network.as_mut(), &mut self.resizer, image, &region, camera)?;
         Ok((region, solved?))
@@ -149,6 +153,7 @@ impl Estimator {
             frame.camera.for_image(width, height).map_err(EstimateError::OtherSize)?
         };
         let manifest = &self.library.detector.manifest;
+        self.activity.runs("the detector");
         let (mut detections, elapsed) =
             detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image)?;
         detections.retain(|d| manifest.labels[d.object].as_ref().is_some_and(|name| frame.selection.wants(name)));
@@ -168,6 +173,7 @@ impl Estimator {
         let start = Instant::now();
         let (wanted, crops) = self.cut_crops(index, model, frames, progress);
         let Some(network) = self.networks.keypoints[index].as_mut().filter(|_| !wanted.is_empty()) else { return };
+        self.activity.runs(&of_object(&model.manifest.name));
         let located = keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &crops);
         let predictions = match located {
             Ok(predictions) => predictions,
@@ -222,6 +228,11 @@ impl Estimator {
         }
         (wanted, crops)
     }
+}
+
+/// An object's network, in the log.
+fn of_object(name: &str) -> String {
+    format!("the keypoint net of object {name}")
 }
 
 fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, MeasureError> {

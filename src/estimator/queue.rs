@@ -1,18 +1,20 @@
 //! The estimator as a service within the process: bounded, with deadlines, answered by workers.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use posed_core::geometry::Camera;
 use tokio::sync::oneshot;
 
-use super::admission::{Admission, BodyLease, Place, Room};
+use super::admission::{Admission, BodyLease, Place, Refusal, Room};
 use super::answer::Abandoned;
 use super::job::{Answer, Job, QueueError, ReferenceWork, Solved, Task, Work};
+use super::pace::Pace;
 use super::pipeline::Estimator;
 use super::prepare::Decoders;
 use super::stats::Stats;
-use super::worker::{self, Batching, StartError};
+use super::worker::{self, Batching, StartError, Workers};
 use crate::model::RuntimeError;
 use crate::vision::{DecodeOptions, Image};
 
@@ -29,6 +31,8 @@ pub struct QueueConfig {
     pub max_batch: usize,
     /// How long a batch waits for company.
     pub batch_delay: Duration,
+    /// A worker whose batch takes longer is taken out until it comes back.
+    pub worker_timeout: Duration,
 }
 
 /// A bounded queue before the workers that own the networks. Clones are the same queue.
@@ -37,6 +41,8 @@ pub struct Queue {
     admission: Admission,
     decoders: Decoders,
     jobs: crossbeam_channel::Sender<Job>,
+    pace: Arc<Pace>,
+    workers: usize,
     stats: Arc<Stats>,
 }
 
@@ -53,17 +59,24 @@ impl Queue {
         let stats = Arc::new(Stats::default());
         // Every job holds a place, so that the channel is bounded by them.
         let (jobs, receiver) = crossbeam_channel::unbounded();
-        let batching = Batching { most: config.max_batch, delay: config.batch_delay };
-        worker::start(config.workers, batching, &receiver, &(Arc::new(make) as _), &stats)?;
+        let pace = Arc::new(Pace::new(config.workers));
+        let workers = Workers {
+            make: Arc::new(make),
+            batching: Batching { most: config.max_batch, delay: config.batch_delay },
+            jobs: receiver,
+            pace: Arc::clone(&pace),
+            stats: Arc::clone(&stats),
+        };
+        worker::start(config.workers, config.worker_timeout, &workers)?;
         let admission = Admission::new(config.room);
         let decoders = Decoders::new(admission.clone(), config.decoders, config.decode);
-        Ok(Self { admission, decoders, jobs, stats })
+        Ok(Self { admission, decoders, jobs, pace, workers: config.workers, stats })
     }
 
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.
     ///
     /// # Errors
-    /// [`QueueError::Refused`] at once when the queue is full; [`Abandoned::Expired`] at the deadline, whatever the workers
+    /// [`QueueError::Refused`] at once when the queue is full, or the answer would come late; [`Abandoned::Expired`] at the deadline, whatever the workers
     /// do; otherwise what decoding or estimating says.
     pub async fn estimate(&self, work: Work) -> Result<Answer, QueueError> {
         let Work { image, body, camera, selection, keep_image, deadline } = work;
@@ -81,6 +94,22 @@ impl Queue {
         let (reply, answer) = oneshot::channel();
         let task = Task::Reference { object, region, reply };
         self.run(Request { image, body, camera, task, keep_image: false, deadline }, answer).await
+    }
+
+    /// Whether an image that is still to come would be answered by its deadline, as far as is known now.
+    ///
+    /// # Errors
+    /// [`Refusal`] where there is no place, no worker, or not enough time.
+    pub fn may_come(&self, deadline: Instant) -> Result<(), Refusal> {
+        self.admission.has_place()?;
+        self.in_time(self.admission.images(), deadline)
+    }
+
+    fn in_time(&self, ahead: usize, deadline: Instant) -> Result<(), Refusal> {
+        if self.stats.lost_workers.load(Ordering::Relaxed) >= self.workers {
+            return Err(Refusal::NoWorkers);
+        }
+        self.pace.may_come(ahead, deadline)
     }
 
     #[must_use]
@@ -101,7 +130,7 @@ impl Queue {
     ) -> Result<T, QueueError> {
         let arrived = Instant::now();
         let Request { image, body, camera, task, keep_image, deadline } = request;
-        let admitted = self.admit(&image, body);
+        let admitted = self.admit(&image, body, deadline);
         let (place, body) = admitted.inspect_err(|_| Stats::count(&self.stats.refused))?;
         Stats::count(&self.stats.admitted);
         let mut waiting = Waiting { stats: &self.stats, ends: Some(Abandoned::Cancelled) };
@@ -123,8 +152,15 @@ impl Queue {
         })
     }
 
-    fn admit(&self, image: &Image, body: Option<Arc<BodyLease>>) -> Result<(Place, Arc<BodyLease>), QueueError> {
+    fn admit(
+        &self,
+        image: &Image,
+        body: Option<Arc<BodyLease>>,
+        deadline: Instant,
+    ) -> Result<(Place, Arc<BodyLease>), QueueError> {
         let place = self.admission.place()?;
+        // Its own place is among them.
+        self.in_time(self.admission.images().saturating_sub(1), deadline)?;
         let body = match body {
             Some(body) => body,
             None => Arc::new(self.admission.body(image.byte_count())?),

@@ -18,8 +18,12 @@ pub struct Stats {
     pub undecodable: AtomicU64,
     pub batches: AtomicU64,
     pub worker_restarts: AtomicU64,
+    /// Times that a worker was taken out because its images took too long.
+    pub worker_timeouts: AtomicU64,
     /// Workers that can take a batch.
     pub ready_workers: AtomicUsize,
+    /// Workers that have ended or hang: nobody waits for them.
+    pub lost_workers: AtomicUsize,
 }
 
 impl Stats {

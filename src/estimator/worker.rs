@@ -10,8 +10,10 @@ use thiserror::Error;
 
 use super::answer::{Abandoned, Estimate, EstimateError, Selection};
 use super::job::{Job, QueueError, Task};
+use super::pace::Pace;
 use super::pipeline::{Estimator, Frame};
 use super::stats::Stats;
+use super::watchdog::{self, Activity};
 use crate::model::RuntimeError;
 
 /// Workers that cannot be started.
@@ -39,116 +41,176 @@ pub(super) struct Batching {
     pub delay: Duration,
 }
 
-/// Starts the workers and comes back once each of them is warmed up. They end with the last sender of `jobs`.
-pub(super) fn start(
-    workers: usize,
-    batching: Batching,
-    jobs: &Receiver<Job>,
-    make: &Make,
-    stats: &Arc<Stats>,
-) -> Result<(), StartError> {
+/// What workers share.
+#[derive(Clone)]
+pub(super) struct Workers {
+    pub make: Make,
+    pub batching: Batching,
+    pub jobs: Receiver<Job>,
+    pub pace: Arc<Pace>,
+    pub stats: Arc<Stats>,
+}
+
+/// Starts the workers and comes back once each of them is warmed up. They end with the last sender of jobs. One whose batch
+/// takes longer than `timeout` is taken out until it comes back.
+pub(super) fn start(count: usize, timeout: Duration, workers: &Workers) -> Result<(), StartError> {
     let (started, starts) = crossbeam_channel::unbounded();
-    for index in 0..workers {
-        let (make, stats, jobs, started) = (Arc::clone(make), Arc::clone(stats), jobs.clone(), started.clone());
-        let thread = std::thread::Builder::new().name(format!("worker-{index}"));
-        thread.spawn(move || work(&make, batching, &jobs, &started, &stats))?;
+    let mut watched = Vec::with_capacity(count);
+    for index in 0..count {
+        let (workers, started, activity) = (workers.clone(), started.clone(), Arc::new(Activity::default()));
+        let name = format!("worker-{index}");
+        watched.push((name.clone(), Arc::downgrade(&activity)));
+        let thread = std::thread::Builder::new().name(name.clone());
+        thread.spawn(move || workers.work(&name, &activity, started))?;
     }
     drop(started);
-    for _ in 0..workers {
+    for _ in 0..count {
         starts.recv().map_err(|_| StartError::Panicked)??;
     }
-    Ok(())
+    Ok(watchdog::watch(timeout, watched, Arc::clone(&workers.stats))?)
 }
 
-/// A worker's life: networks, batches, and after a panic new networks.
-fn work(
-    make: &Make,
-    batching: Batching,
-    jobs: &Receiver<Job>,
-    started: &Sender<Result<(), StartError>>,
-    stats: &Stats,
-) {
-    let first = (|| {
-        let mut estimator = make()?;
-        estimator.warm_up()?;
-        Ok(estimator)
-    })();
-    let mut estimator = match first {
-        Ok(estimator) => estimator,
-        Err(error) => return drop(started.send(Err(error))),
-    };
-    stats.ready_workers.fetch_add(1, Ordering::Relaxed);
-    // The receiver waits for every worker.
-    let _ = started.send(Ok(()));
-    while let Ok(first) = jobs.recv() {
-        let batch = batching.gather(first, jobs, stats);
-        if batch.is_empty() {
-            continue;
-        }
-        Stats::count(&stats.batches);
-        if answer(&mut estimator, batch, stats) {
-            continue;
-        }
-        stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
-        Stats::count(&stats.worker_restarts);
-        tracing::error!("a worker panicked: its images get an error, and it reloads its networks");
-        estimator = match make() {
+impl Workers {
+    /// A worker's life: networks, batches, and after a panic new networks.
+    fn work(&self, name: &str, activity: &Arc<Activity>, started: Sender<Result<(), StartError>>) {
+        let stats = &self.stats;
+        // A panic here is said like any other failure: the receiver waits for the word of every worker.
+        let first = catch_unwind(AssertUnwindSafe(|| self.load(activity))).unwrap_or(Err(StartError::Panicked));
+        let mut estimator = match first {
             Ok(estimator) => estimator,
-            Err(error) => return tracing::error!(%error, "a worker ends: it cannot reload its networks"),
+            Err(error) => return drop(started.send(Err(error))),
         };
         stats.ready_workers.fetch_add(1, Ordering::Relaxed);
+        let _ = started.send(Ok(()));
+        drop(started);
+        let mut next = None;
+        while let Ok(first) = next.take().map_or_else(|| self.jobs.recv(), Ok) {
+            let (batch, later) = self.gather(first);
+            next = later;
+            if batch.is_empty() {
+                continue;
+            }
+            Stats::count(&stats.batches);
+            self.pace.begin();
+            activity.begin();
+            let sound = self.answer(&mut estimator, batch);
+            activity.end(name, stats);
+            if sound {
+                continue;
+            }
+            stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
+            Stats::count(&stats.worker_restarts);
+            tracing::error!("a worker panicked: its images get an error, and it reloads its networks");
+            let again = catch_unwind(AssertUnwindSafe(|| self.make(activity)));
+            estimator = match again.map_err(|_| StartError::Panicked).and_then(|made| Ok(made?)) {
+                Ok(estimator) => estimator,
+                Err(error) => {
+                    stats.lost_workers.fetch_add(1, Ordering::Relaxed);
+                    return tracing::error!(%error, "{name} ends: it cannot reload its networks");
+                }
+            };
+            stats.ready_workers.fetch_add(1, Ordering::Relaxed);
+        }
+        stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
     }
-    stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
-}
 
-impl Batching {
-    /// What waits, and what comes soon, as far as somebody waits for it.
-    fn gather(self, first: Job, jobs: &Receiver<Job>, stats: &Stats) -> Vec<Job> {
-        let closes = Instant::now() + self.delay;
-        let mut batch = Vec::new();
+    fn make(&self, activity: &Arc<Activity>) -> Result<Estimator, RuntimeError> {
+        let mut estimator = (self.make)()?;
+        estimator.activity = Arc::clone(activity);
+        Ok(estimator)
+    }
+
+    fn load(&self, activity: &Arc<Activity>) -> Result<Estimator, StartError> {
+        let mut estimator = self.make(activity)?;
+        estimator.warm_up()?;
+        Ok(estimator)
+    }
+
+    /// What waits, and what comes soon, as far as somebody waits for it and it can be in time. The second is a job that would
+    /// make the batch late: it comes next.
+    fn gather(&self, first: Job) -> (Vec<Job>, Option<Job>) {
+        let Batching { most, delay } = self.batching;
+        let closes = Instant::now() + delay;
+        let mut batch: Vec<Job> = Vec::new();
         let mut next = Some(first);
         while let Some(job) = next {
+            let deadline = batch.iter().map(|job| job.deadline).fold(job.deadline, Instant::min);
             match job.abandoned() {
+                Ok(()) if self.pace.would_be_late(1, job.deadline) => self.abandon(job, Abandoned::Expired),
+                Ok(()) if !batch.is_empty() && self.pace.would_be_late(batch.len() + 1, deadline) => {
+                    return (batch, Some(job));
+                }
                 Ok(()) => batch.push(job),
-                Err(why) => abandon(job, why, stats),
+                Err(why) => self.abandon(job, why),
             }
-            let room = batch.len() < self.most;
-            next = room.then(|| jobs.recv_deadline(closes).or_else(|_| jobs.try_recv()).ok()).flatten();
+            let room = batch.len() < most;
+            next = room.then(|| self.jobs.recv_deadline(closes).or_else(|_| self.jobs.try_recv()).ok()).flatten();
         }
-        batch
+        (batch, None)
     }
-}
 
-/// Answers a batch; false where it panicked.
-fn answer(estimator: &mut Estimator, batch: Vec<Job>, stats: &Stats) -> bool {
-    let (poses, references): (Vec<_>, Vec<_>) =
-        batch.into_iter().partition(|job| matches!(job.task, Task::Poses { .. }));
-    let mut sound = poses.is_empty() || estimate(estimator, poses, stats);
-    for job in references {
-        sound = sound && measure(estimator, job, stats);
-    }
-    sound
-}
-
-fn estimate(estimator: &mut Estimator, batch: Vec<Job>, stats: &Stats) -> bool {
-    let Some(estimates) = estimate_frames(estimator, &batch) else {
-        for job in batch {
-            job.fail(QueueError::Crashed);
+    /// Answers a batch; false where it panicked.
+    fn answer(&self, estimator: &mut Estimator, batch: Vec<Job>) -> bool {
+        let (poses, references): (Vec<_>, Vec<_>) =
+            batch.into_iter().partition(|job| matches!(job.task, Task::Poses { .. }));
+        let mut sound = poses.is_empty() || self.estimate(estimator, poses);
+        for job in references {
+            sound = sound && self.measure(estimator, job);
         }
-        return false;
-    };
-    let batch_size = batch.len();
-    for (job, estimate) in batch.into_iter().zip(estimates) {
-        match estimate {
-            Ok(estimate) => {
-                Stats::count(&stats.worked);
-                job.answer(estimate, batch_size);
+        sound
+    }
+
+    fn estimate(&self, estimator: &mut Estimator, batch: Vec<Job>) -> bool {
+        let start = Instant::now();
+        let Some(estimates) = estimate_frames(estimator, &batch) else {
+            for job in batch {
+                job.fail(QueueError::Crashed);
             }
-            Err(EstimateError::Abandoned(why)) => abandon(job, why, stats),
-            Err(error) => job.fail(error.into()),
+            return false;
+        };
+        let batch_size = batch.len();
+        // Images that were left half way would make it look quicker than it is.
+        if estimates.iter().all(Result::is_ok) {
+            self.pace.record(batch_size, start.elapsed());
         }
+        for (job, estimate) in batch.into_iter().zip(estimates) {
+            match estimate {
+                Ok(estimate) => {
+                    Stats::count(&self.stats.worked);
+                    job.answer(estimate, batch_size);
+                }
+                Err(EstimateError::Abandoned(why)) => self.abandon(job, why),
+                Err(error) => job.fail(error.into()),
+            }
+        }
+        true
     }
-    true
+
+    fn measure(&self, estimator: &mut Estimator, job: Job) -> bool {
+        let Task::Reference { object, region, .. } = &job.task else { return true };
+        if let Err(why) = job.abandoned() {
+            self.abandon(job, why);
+            return true;
+        }
+        let image = &job.pixels.image;
+        let measured = catch_unwind(AssertUnwindSafe(|| estimator.measure(object, image, &job.camera, *region)));
+        let sound = measured.is_ok();
+        match measured {
+            Ok(Ok(solved)) => {
+                Stats::count(&self.stats.worked);
+                job.solved(solved);
+            }
+            Ok(Err(error)) => job.fail(error.into()),
+            Err(_) => job.fail(QueueError::Crashed),
+        }
+        sound
+    }
+
+    /// Nobody waits for it any more, or in vain.
+    fn abandon(&self, job: Job, why: Abandoned) {
+        self.stats.abandon(why);
+        job.fail(why.into());
+    }
 }
 
 /// `None` where it panicked.
@@ -163,30 +225,4 @@ fn estimate_frames(estimator: &mut Estimator, batch: &[Job]) -> Option<Vec<Resul
         frames.push(Frame { image: &job.pixels.image, camera: &job.camera, selection, abandoned });
     }
     catch_unwind(AssertUnwindSafe(|| estimator.estimate_all(&frames))).ok()
-}
-
-fn measure(estimator: &mut Estimator, job: Job, stats: &Stats) -> bool {
-    let Task::Reference { object, region, .. } = &job.task else { return true };
-    if let Err(why) = job.abandoned() {
-        abandon(job, why, stats);
-        return true;
-    }
-    let image = &job.pixels.image;
-    let measured = catch_unwind(AssertUnwindSafe(|| estimator.measure(object, image, &job.camera, *region)));
-    let sound = measured.is_ok();
-    match measured {
-        Ok(Ok(solved)) => {
-            Stats::count(&stats.worked);
-            job.solved(solved);
-        }
-        Ok(Err(error)) => job.fail(error.into()),
-        Err(_) => job.fail(QueueError::Crashed),
-    }
-    sound
-}
-
-/// Nobody waits for it any more.
-fn abandon(job: Job, why: Abandoned, stats: &Stats) {
-    stats.abandon(why);
-    job.fail(why.into());
 }

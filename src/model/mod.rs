@@ -10,11 +10,11 @@ mod references;
 mod runtime;
 
 pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
-pub(crate) use manifest::read_json;
 pub use manifest::{
     CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,
     KeypointOutput, Layout, ManifestError, Normalisation, Placement, SecondLook,
 };
+pub(crate) use manifest::{read_json, read_regular};
 pub use network::{Backend, Input, Network, Output, Outputs, RuntimeError};
 pub use networks::Networks;
 pub use provider::Provider;

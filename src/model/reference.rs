@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::manifest::{ManifestError, read_bytes};
+use super::manifest::{MAX_JSON_BYTES, ManifestError, read_bytes};
 use posed_core::calibration::{Mode, Offset};
 use posed_core::geometry::{Camera, Covariance6, Pose, PoseError};
 
@@ -115,7 +115,7 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`] names the file and the field, or says how to recalibrate.
     pub fn read(path: &Path, keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
-        Self::parse(path, &read_bytes(path)?, keypoint_model_sha256)
+        Self::parse(path, &read_bytes(path, MAX_JSON_BYTES)?, keypoint_model_sha256)
     }
 
     /// As [`read`](Self::read), of what is in the file.

@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 use std::time::SystemTime;
 
 use super::library::{Library, ObjectModel};
-use super::manifest::{ManifestError, read_bytes, sha256_hex};
+use super::manifest::{MAX_JSON_BYTES, ManifestError, read_bytes, sha256_hex};
 use super::reference::{Reference, ReferenceError, write_atomically};
 
 /// The references in force. Replacing one takes effect with the next image.
@@ -81,7 +81,7 @@ impl References {
         // Before the file is read: what is written meanwhile is noticed later.
         let unreadable = |source| ManifestError::Read { path: path.clone(), source };
         let version = FileVersion::of(&path).map_err(unreadable)?;
-        let bytes = read_bytes(&path)?;
+        let bytes = read_bytes(&path, MAX_JSON_BYTES)?;
         let reference = Reference::parse(&path, &bytes, &object.manifest.model_sha256)?;
         let in_force = Arc::new(InForce { reference, sha256: sha256_hex(&bytes), version });
         let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);

@@ -57,7 +57,10 @@ impl<U: Message + Default> Decoder for BoundedDecoder<U> {
                 "the message has more than {MAX_FIELDS} fields; name fewer objects"
             )));
         }
-        self.0.decode(message)
+        // Whoever sent it is at fault, not whoever reads it.
+        self.0
+            .decode(message)
+            .map_err(|status| Status::invalid_argument(format!("the message cannot be decoded: {}", status.message())))
     }
 }
 

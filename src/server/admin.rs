@@ -1,27 +1,46 @@
 //! For operators, on a port of its own: probes, metrics, the log level.
 
-use axum::Router;
-use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, put};
+use axum::{Router, middleware};
 
-use super::service::Readiness;
+use super::service::{Access, Failure, FailureKind, Readiness, Scope};
 use super::telemetry::LogControl;
 
 #[derive(Clone)]
 struct Admin {
     readiness: Readiness,
     logs: LogControl,
+    access: Access,
 }
 
-pub(super) fn router(readiness: Readiness, logs: LogControl) -> Router {
+pub(super) fn router(readiness: Readiness, logs: LogControl, access: Access) -> Router {
+    let admin = Admin { readiness, logs, access };
     Router::new()
-        .route("/livez", get(|| async { "live\n" }))
-        .route("/readyz", get(ready))
         .route("/metrics", get(metrics))
         .route("/log-level", put(log_level))
-        .with_state(Admin { readiness, logs })
+        .layer(middleware::from_fn_with_state(admin.clone(), allow))
+        .route("/livez", get(|| async { "live\n" }))
+        .route("/readyz", get(ready))
+        .with_state(admin)
+}
+
+/// Probes have no tokens; the rest is for whoever has one.
+async fn allow(State(admin): State<Admin>, request: Request, next: Next) -> Response {
+    let authorization = request.headers().get(header::AUTHORIZATION).map(HeaderValue::as_bytes);
+    match admin.access.check(authorization, Scope::Admin) {
+        Ok(()) => next.run(request).await,
+        Err(Failure { kind: FailureKind::Forbidden, message }) => {
+            (StatusCode::FORBIDDEN, format!("{message}\n")).into_response()
+        }
+        Err(failure) => {
+            let asked = [(header::WWW_AUTHENTICATE, "Bearer")];
+            (StatusCode::UNAUTHORIZED, asked, format!("{}\n", failure.message)).into_response()
+        }
+    }
 }
 
 async fn ready(State(admin): State<Admin>) -> (StatusCode, String) {

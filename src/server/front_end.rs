@@ -33,9 +33,3 @@ pub(super) struct Context {
     /// True once no further frame of a stream is read.
     pub stopping: watch::Receiver<bool>,
 }
-
-/// Waits until the server stops.
-pub(super) async fn stopped(mut stopping: watch::Receiver<bool>) {
-    // An error means that the sender is gone, and so is the program.
-    let _ = stopping.wait_for(|stop| *stop).await;
-}

@@ -18,6 +18,7 @@ const MODELS: &str = "What to serve";
 const RUN: &str = "What to run on";
 const LIMITS: &str = "Limits";
 const TIMES: &str = "Times";
+const SAFETY: &str = "Who may connect";
 const LOGS: &str = "Logs";
 
 /// Memory that the largest image must be able to use, for each of its pixels.
@@ -26,14 +27,14 @@ const BYTES_PER_PIXEL: u64 = 16;
 /// The settings. Their comments are the texts of `--help` and `--print-config`.
 #[derive(Args, Clone, Debug)]
 pub struct Config {
-    /// Address of the HTTP API.
-    #[arg(long, env = "POSED_HTTP", default_value = "0.0.0.0:8080", help_heading = LISTEN)]
+    /// Address of the HTTP API. `[::]` is every interface, IPv4 and IPv6; IPv4 alone where the system has no IPv6.
+    #[arg(long, env = "POSED_HTTP", default_value = "[::]:8080", help_heading = LISTEN)]
     pub http: SocketAddr,
     /// Address of the gRPC API.
-    #[arg(long, env = "POSED_GRPC", default_value = "0.0.0.0:9000", help_heading = LISTEN)]
+    #[arg(long, env = "POSED_GRPC", default_value = "[::]:9000", help_heading = LISTEN)]
     pub grpc: SocketAddr,
-    /// Address of probes, metrics and the log level. For operators, not for clients.
-    #[arg(long, env = "POSED_ADMIN", default_value = "0.0.0.0:8081", help_heading = LISTEN)]
+    /// Address of probes, metrics and the log level. For operators, not for clients: only this machine, unless you change it.
+    #[arg(long, env = "POSED_ADMIN", default_value = "127.0.0.1:8081", help_heading = LISTEN)]
     pub admin: SocketAddr,
     /// Folder with `detector/` and one folder for each object.
     #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
@@ -105,11 +106,11 @@ pub struct Config {
     pub max_connections: usize,
     /// Default time limit of a request, milliseconds.
     #[arg(long, env = "POSED_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(1..=3_600_000))]
+    #[arg(default_value_t = 10_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub timeout_ms: u64,
     /// Maximum time limit that a request can set, milliseconds.
     #[arg(long, env = "POSED_MAX_TIMEOUT_MS", help_heading = TIMES)]
-    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(1..=3_600_000))]
+    #[arg(default_value_t = 60_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub max_timeout_ms: u64,
     /// Maximum pause while a client sends a body, milliseconds. After it the request fails.
     #[arg(long, env = "POSED_BODY_TIMEOUT_MS", help_heading = TIMES)]
@@ -124,10 +125,29 @@ pub struct Config {
     #[arg(long, env = "POSED_IDLE_TIMEOUT_MS", help_heading = TIMES)]
     #[arg(default_value_t = 30_000, value_parser = whole::<u64>(100..=3_600_000))]
     pub idle_timeout_ms: u64,
+    /// Maximum time that a worker may take for its images, milliseconds. After it the worker is taken out until it comes back.
+    #[arg(long, env = "POSED_WORKER_TIMEOUT_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 30_000, value_parser = whole::<u64>(1000..=3_600_000))]
+    pub worker_timeout_ms: u64,
+    /// Time after a shutdown signal during which the server is not ready but still takes requests, milliseconds. Set it to
+    /// what your load balancer needs to notice.
+    #[arg(long, env = "POSED_SHUTDOWN_DELAY_MS", help_heading = TIMES)]
+    #[arg(default_value_t = 0, value_parser = whole::<u64>(0..=3_600_000))]
+    pub shutdown_delay_ms: u64,
     /// Time for accepted requests to finish after a shutdown signal, seconds.
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
     #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
     pub drain_seconds: u64,
+    /// File of bearer tokens. Each line has the SHA-256 of a token and its scopes: estimate, calibrate, admin. Without it
+    /// everybody may do everything.
+    #[arg(long, env = "POSED_TOKENS", help_heading = SAFETY)]
+    pub tokens: Option<PathBuf>,
+    /// Certificate chain of the HTTP and gRPC ports, a PEM file. Without it they do not use TLS.
+    #[arg(long, env = "POSED_TLS_CERTIFICATE", help_heading = SAFETY)]
+    pub tls_certificate: Option<PathBuf>,
+    /// Private key of the certificate, a PEM file.
+    #[arg(long, env = "POSED_TLS_KEY", help_heading = SAFETY)]
+    pub tls_key: Option<PathBuf>,
     /// Log level, or a filter such as "info,posed=debug".
     #[arg(long, env = "POSED_LOG", default_value = "info,ort=warn", help_heading = LOGS)]
     pub log: String,
@@ -162,6 +182,8 @@ pub enum SettingsError {
          {least}; raise 'pixel_bytes', or lower 'max_pixels'"
     )]
     PixelBytes { pixel_bytes: usize, max_pixels: u64, least: u64 },
+    #[error("setting '{given}' is set, but '{missing}' is not; TLS needs both")]
+    Tls { given: &'static str, missing: &'static str },
 }
 
 impl Config {
@@ -177,6 +199,11 @@ impl Config {
         }
         if timeout_ms > max_timeout_ms {
             return Err(SettingsError::Timeout { timeout_ms, max_timeout_ms });
+        }
+        match (&self.tls_certificate, &self.tls_key) {
+            (Some(_), None) => return Err(SettingsError::Tls { given: "tls_certificate", missing: "tls_key" }),
+            (None, Some(_)) => return Err(SettingsError::Tls { given: "tls_key", missing: "tls_certificate" }),
+            (Some(_), Some(_)) | (None, None) => {}
         }
         let least = BYTES_PER_PIXEL * max_pixels;
         if (pixel_bytes as u64) < least {
@@ -198,6 +225,7 @@ impl Config {
             workers: self.workers,
             max_batch: self.max_batch,
             batch_delay: Duration::from_millis(self.batch_delay_ms),
+            worker_timeout: Duration::from_millis(self.worker_timeout_ms),
             decode: DecodeOptions {
                 max_side_px: self.max_side_px,
                 max_pixels: self.max_pixels,
@@ -267,6 +295,8 @@ mod tests {
             ("--max-side-px=15", "from 16 to 4294967295"),
             ("--max-side-px=4294967296", "from 16 to 4294967295"),
             ("--max-pixels=255", "from 256 to"),
+            ("--timeout-ms=1", "from 100 to 3600000"),
+            ("--worker-timeout-ms=1", "from 1000 to 3600000"),
             ("--max-connections=7", "from 8 to 65536"),
             ("--idle-timeout-ms=3600001", "from 100 to 3600000"),
             ("--provider=abacus", "cpu, cuda, tensorrt, openvino"),
@@ -281,6 +311,7 @@ mod tests {
     fn settings_that_contradict_each_other_are_refused_by_name() {
         for (flags, words) in [
             (&["--queue-bytes=2000"][..], ["'queue_bytes' is 2000", "'max_body_bytes', 16777216"]),
+            (&["--tls-key=key.pem"], ["'tls_key' is set", "'tls_certificate' is not"]),
             (&["--timeout-ms=100000"], ["'timeout_ms' is 100000", "60000 ('max_timeout_ms')"]),
             (
                 &["--pixel-bytes=15999", "--max-pixels=1000"],

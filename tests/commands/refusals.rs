@@ -34,6 +34,29 @@ fn damaged_models_are_named() {
     damage("cube/object.json", &replace("\"kind\": \"keypoints\"", "\"kind\": \"heatmaps\""), "has shape");
 }
 
+/// A pipe that nobody writes to would be waited for.
+#[test]
+fn only_regular_files_are_read() {
+    let (models, reference) = (copy_of("models"), copy_of("reference"));
+    let folders = [("--models", models.path()), ("--reference", reference.path())];
+    for (flag, file) in [
+        ("--reference", "cube.json"),
+        ("--models", "cube/keypoints.onnx"),
+        ("--models", "cube/object.json"),
+        ("--models", "detector/detector.json"),
+    ] {
+        let folder = folders.iter().find(|(name, _)| *name == flag).unwrap().1;
+        let path = folder.join(file);
+        let kept = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let words = format!("{}: it is not a regular file", path.display());
+        refuses_to_serve(&[flag, folder.to_str().unwrap()], &words);
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, kept).unwrap();
+    }
+}
+
 #[test]
 fn a_file_that_is_no_network_is_named() {
     let models = copy_of("models");

@@ -22,6 +22,8 @@ fn the_printed_settings_are_a_file_of_settings_and_wrong_ones_are_refused() {
     assert!(said.contains("'many' for '--queue <QUEUE>'") && said.contains("from 1 to 65536"), "{said}");
     refuses_to_serve(&["--config", "nowhere.toml"], "cannot read nowhere.toml");
     refuses_to_serve(&["--provider", "cuda"], "'cuda'");
+    refuses_to_serve(&["--log", "info,posd=debug"], "setting 'log' is \"info,posd=debug\": unknown target \"posd\"");
+    refuses_to_serve(&["--max-pixels", "0"], "'0' for '--max-pixels <MAX_PIXELS>': it must be a whole number from 256");
 }
 
 /// Seen in what is said of two settings that contradict each other.
@@ -42,11 +44,11 @@ fn flags_win_over_the_environment_the_environment_over_the_file_and_the_file_ove
             assert!(said.contains(&words), "{said}");
         }
     };
-    let (file, environment) = ("max_timeout_ms = 5\n", [("POSED_TIMEOUT_MS", "200")]);
-    timeouts(file, &[], &[], [10_000, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &[], &[], [100, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &environment, &[], [200, 5]);
-    timeouts(&format!("{file}timeout_ms = 100\n"), &environment, &["--timeout-ms", "300"], [300, 5]);
+    let (file, environment) = ("max_timeout_ms = 100\n", [("POSED_TIMEOUT_MS", "300")]);
+    timeouts(file, &[], &[], [10_000, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &[], &[], [200, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &environment, &[], [300, 100]);
+    timeouts(&format!("{file}timeout_ms = 200\n"), &environment, &["--timeout-ms", "400"], [400, 100]);
 }
 
 #[test]

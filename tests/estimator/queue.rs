@@ -18,6 +18,7 @@ const CONFIG: QueueConfig = QueueConfig {
     workers: 1,
     max_batch: 8,
     batch_delay: Duration::ZERO,
+    worker_timeout: Duration::from_mins(10),
     decode: DecodeOptions {
         max_side_px: 1000,
         max_pixels: 1_000_000,
@@ -249,6 +250,66 @@ async fn a_deadline_is_kept_between_the_stages() {
     drop(gate);
     assert!(queue.estimate(work(10, LONG)).await.is_ok());
     assert_eq!(runs.load(Ordering::Relaxed), before + 1);
+}
+
+/// What its predecessors took says that an image cannot be in time: its caller hears so while the worker is still busy.
+#[tokio::test(flavor = "multi_thread")]
+async fn what_must_come_late_is_refused_at_once() {
+    let (script, arrivals, gate) = gated();
+    let queue = start(CONFIG, script);
+    let measured = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    std::thread::sleep(Duration::from_millis(400));
+    gate.send(()).unwrap();
+    assert!(measured.await.unwrap().is_ok());
+    let stuck = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    let hasty = queue.estimate(work(10, Duration::from_millis(200))).await;
+    assert!(matches!(hasty, Err(QueueError::Refused(Refusal::Hasty { .. }))), "{hasty:?}");
+    let behind = queue.estimate(work(10, Duration::from_millis(600))).await;
+    assert!(matches!(behind, Err(QueueError::Refused(Refusal::Busy { .. }))), "{behind:?}");
+    assert!(queue.may_come(Instant::now() + Duration::from_millis(600)).is_err());
+    let patient = enqueue(&queue, work(10, LONG)).await;
+    drop(gate);
+    assert!(stuck.await.unwrap().is_ok() && patient.await.unwrap().is_ok());
+    assert_eq!(queue.admission().images(), 0);
+}
+
+/// Nobody waits for a network that hangs; and if it ends after all its worker goes on.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_that_hangs_is_taken_out_until_it_comes_back() {
+    let (script, arrivals, gate) = gated();
+    let queue = start(QueueConfig { worker_timeout: Duration::from_millis(100), ..CONFIG }, script);
+    let until_ready = async |workers: usize| {
+        while queue.stats().ready_workers.load(Ordering::Relaxed) != workers {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    let stuck = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    until_ready(0).await;
+    let refused = queue.estimate(work(10, LONG)).await;
+    assert!(matches!(refused, Err(QueueError::Refused(Refusal::NoWorkers))), "{refused:?}");
+    drop(gate);
+    assert!(stuck.await.unwrap().is_ok());
+    until_ready(1).await;
+    assert!(queue.estimate(work(10, LONG)).await.is_ok());
+    assert_eq!(queue.stats().worker_timeouts.load(Ordering::Relaxed), 1);
+}
+
+/// The other worker is up and waits for work: the start must not wait for it.
+#[test]
+fn a_panic_of_one_worker_while_it_starts_is_said() {
+    let models = Models::new(&Manifests::default(), Script::default());
+    let made = AtomicUsize::new(0);
+    let make = move || {
+        assert!(made.fetch_add(1, Ordering::Relaxed) == 0, "scripted fault");
+        models.estimator()
+    };
+    let (say, heard) = crossbeam_channel::unbounded();
+    std::thread::spawn(move || say.send(Queue::start(QueueConfig { workers: 2, ..CONFIG }, make).map(drop)));
+    let failed = heard.recv_timeout(LONG).unwrap();
+    assert!(matches!(failed, Err(StartError::Panicked)), "{failed:?}");
 }
 
 #[test]

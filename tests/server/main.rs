@@ -1,13 +1,20 @@
 //! The real server, with the shipped models and real clients.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
+mod access;
 mod admin;
+mod connections;
+mod counting;
+mod deadlines;
 mod forms;
 mod grpc;
 mod hostile;
 mod http;
+mod hung;
+mod lifecycle;
 mod load;
 mod raw;
+mod raw_grpc;
 mod recalibration;
 mod stream;
 #[path = "../support/mod.rs"]

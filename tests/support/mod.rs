@@ -6,6 +6,7 @@ use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use posed::evaluation::{ModelPoints, ObjectMesh};
@@ -49,6 +50,7 @@ pub fn refuses_to_serve(arguments: &[&str], words: &str) {
 /// A running server on free ports, killed when dropped.
 pub struct Server {
     child: Child,
+    log: Arc<Mutex<String>>,
     pub http: SocketAddr,
     pub grpc: SocketAddr,
     pub admin: SocketAddr,
@@ -56,13 +58,27 @@ pub struct Server {
 
 impl Server {
     pub fn start(arguments: &[&str]) -> Self {
-        let mut child = posed(&["serve", "--cameras", "samples"])
-            .args(FREE_PORTS)
-            .args(arguments)
-            .env("NO_COLOR", "1")
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut command = posed(&["serve", "--cameras", "samples"]);
+        command.args(FREE_PORTS).args(arguments);
+        Self::run(command)
+    }
+
+    /// A server with another address for HTTP.
+    pub fn start_at(http: &str) -> Self {
+        Self::run(posed(&["serve", "--http", http, "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"]))
+    }
+
+    /// A server that may open so many files.
+    pub fn start_with_files(files: u32, arguments: &[&str]) -> Self {
+        let mut command = Command::new("sh");
+        let limit = format!("ulimit -n {files} && exec \"$0\" \"$@\"");
+        command.current_dir(root()).args(["-c", &limit, env!("CARGO_BIN_EXE_posed"), "serve", "--cameras", "samples"]);
+        command.args(FREE_PORTS).args(arguments);
+        Self::run(command)
+    }
+
+    fn run(mut command: Command) -> Self {
+        let mut child = command.env("NO_COLOR", "1").stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let mut seen = String::new();
         let mut address = |protocol: &str| {
@@ -82,8 +98,43 @@ impl Server {
         let ready = lines.by_ref().map_while(Result::ok).find(|line| line.contains("ready after"));
         assert!(ready.is_some(), "the server ended");
         // Someone must go on reading, or the server would block on a full pipe.
-        std::thread::spawn(move || lines.for_each(drop));
-        Self { child, http, grpc, admin }
+        let log = Arc::new(Mutex::new(seen));
+        let of_reader = Arc::clone(&log);
+        std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let mut log = of_reader.lock().unwrap();
+                log.push_str(&line);
+                log.push('\n');
+            }
+        });
+        Self { child, log, http, grpc, admin }
+    }
+
+    /// What it has logged so far, but for a few lines about its models.
+    pub fn log(&self) -> String {
+        self.log.lock().unwrap().clone()
+    }
+
+    /// Waits until its log has some words.
+    pub async fn until_logged(&self, words: &str) {
+        self.until(words, async || self.log()).await;
+    }
+
+    /// Waits until its metrics have some words.
+    pub async fn until_counted(&self, words: &str) {
+        self.until(words, async || metrics(self).await).await;
+    }
+
+    async fn until(&self, words: &str, look: impl AsyncFn() -> String) {
+        let start = Instant::now();
+        loop {
+            let text = look().await;
+            if text.contains(words) {
+                return;
+            }
+            assert!(start.elapsed() < START_LIMIT, "{words:?} is not in\n{text}");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
     }
 
     pub fn url(&self, path: &str) -> String {
@@ -209,6 +260,11 @@ pub async fn error(response: reqwest::Response) -> (String, String) {
     let answer = json(response).await;
     let text = |field: &str| answer["error"][field].as_str().unwrap().to_owned();
     (text("code"), text("message"))
+}
+
+/// What `/metrics` says.
+pub async fn metrics(server: &Server) -> String {
+    reqwest::get(server.admin_url("/metrics")).await.unwrap().text().await.unwrap()
 }
 
 /// Posts an image.

@@ -1,9 +1,15 @@
-use std::fs;
+use std::fs::File;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
+
+/// A manifest or a reference of many views is far below this.
+pub(in crate::model) const MAX_JSON_BYTES: u64 = 64 << 20;
+/// An ONNX file is a protobuf message: none is larger.
+const MAX_MODEL_BYTES: u64 = 2 << 30;
 
 /// A model folder that cannot be used. Every message names the file, and the field where there is one.
 #[derive(Debug, Error)]
@@ -35,7 +41,7 @@ pub(super) fn read_manifest<T: DeserializeOwned>(
 
 /// Reads a model file and checks it against the hash that its manifest states.
 pub(in crate::model) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>, ManifestError> {
-    let bytes = read_bytes(path)?;
+    let bytes = read_bytes(path, MAX_MODEL_BYTES)?;
     let found = sha256_hex(&bytes);
     if !found.eq_ignore_ascii_case(stated) {
         return Err(ManifestError::Hash { path: path.into(), stated: stated.into(), found });
@@ -53,12 +59,26 @@ pub(super) fn check_name(name: &str) -> Result<(), String> {
     }
 }
 
-pub(in crate::model) fn read_bytes(path: &Path) -> Result<Vec<u8>, ManifestError> {
-    fs::read(path).map_err(|source| ManifestError::Read { path: path.into(), source })
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
+    let text = read_bytes(path, MAX_JSON_BYTES)?;
+    serde_json::from_slice(&text).map_err(|source| ManifestError::Json { path: path.into(), source })
 }
 
-pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, ManifestError> {
-    serde_json::from_slice(&read_bytes(path)?).map_err(|source| ManifestError::Json { path: path.into(), source })
+pub(in crate::model) fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ManifestError> {
+    read_regular(path, limit).map_err(|source| ManifestError::Read { path: path.into(), source })
+}
+
+/// Reads a regular file: a pipe might never end, or never begin.
+pub(crate) fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    if !path.metadata()?.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(io::Error::other(format!("it is larger than {limit} bytes")));
+    }
+    Ok(bytes)
 }
 
 pub(in crate::model) fn sha256_hex(bytes: &[u8]) -> String {

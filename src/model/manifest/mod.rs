@@ -7,7 +7,7 @@ mod keypoint;
 
 pub use detector::{DetectorFormat, DetectorInput, DetectorManifest, Placement};
 pub use file::ManifestError;
-pub(crate) use file::read_json;
-pub(super) use file::{read_bytes, read_model, sha256_hex};
+pub(super) use file::{MAX_JSON_BYTES, read_bytes, read_model, sha256_hex};
+pub(crate) use file::{read_json, read_regular};
 pub use input::{ElementType, Layout, Normalisation};
 pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput, SecondLook};

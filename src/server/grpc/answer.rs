@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::estimator::BodyLease;
 use crate::proto;
 use crate::server::api::proto::{image, request, response};
-use crate::server::service::{Answered, Failure, PoseWork, Service};
+use crate::server::service::{Failure, PoseWork, Service};
 
 pub(super) async fn estimate(
     service: &Service,
@@ -18,11 +18,4 @@ pub(super) async fn estimate(
     let options = service.options(request(message)?)?;
     let answer = service.estimate(PoseWork { image, body, options: &options, keep_image: false, deadline }).await?;
     Ok(response(&answer, &options, &service.models))
-}
-
-pub(super) fn observe<T>(service: &Service, route: &str, answer: &Result<T, Failure>, start: Instant) {
-    let outcome = answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok");
-    let duration = start.elapsed();
-    service.answered(&Answered { protocol: "grpc", route, for_poses: true, outcome, duration });
-    tracing::info!(outcome, ms = duration.as_millis());
 }

@@ -1,20 +1,18 @@
 //! The calls of `posed.v1.PoseService`.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use tokio::sync::watch;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::Instrument as _;
 
-use super::answer::{estimate, observe};
+use super::answer::estimate;
+use super::call::Call;
 use super::stream;
-use super::timeout::grpc_timeout;
-use super::upload::Lease;
 use crate::proto;
 use crate::server::api::proto::known_object;
-use crate::server::service::{Failure, FailureKind, Service};
+use crate::server::service::Service;
 
 pub(super) struct Calls {
     pub service: Arc<Service>,
@@ -30,14 +28,10 @@ impl proto::pose_service_server::PoseService for Calls {
         &self,
         request: Request<proto::EstimateRequest>,
     ) -> Result<Response<proto::EstimateResponse>, Status> {
-        let start = Instant::now();
-        let body = lease(&request)?.body;
-        let answer = match grpc_timeout(request.metadata()) {
-            Ok(asked) => estimate(&self.service, request.into_inner(), body, self.service.deadline(asked)).await,
-            Err(failure) => Err(failure),
-        };
-        observe(&self.service, "Estimate", &answer, start);
-        Ok(Response::new(answer?))
+        let call = Call::of(&request)?;
+        let deadline = call.deadline.unwrap_or_else(|| self.service.deadline(None));
+        let answer = estimate(&self.service, request.into_inner(), Arc::clone(&call.body), deadline).await;
+        Ok(Response::new(answer.map_err(|failure| call.failed(failure))?))
     }
 
     async fn estimate_stream(
@@ -45,8 +39,7 @@ impl proto::pose_service_server::PoseService for Calls {
         request: Request<Streaming<proto::EstimateStreamRequest>>,
     ) -> Result<Response<Self::EstimateStreamStream>, Status> {
         let (responses, stream) = tokio::sync::mpsc::channel(1);
-        let lease = lease(&request)?;
-        let frames = stream::Frames::new(Arc::clone(&self.service), lease, responses);
+        let frames = stream::Frames::new(Arc::clone(&self.service), Call::of(&request)?, responses);
         let run = frames.run(request.into_inner(), self.stopping.clone());
         tokio::spawn(run.instrument(tracing::Span::current()));
         Ok(Response::new(ReceiverStream::new(stream)))
@@ -59,11 +52,4 @@ impl proto::pose_service_server::PoseService for Calls {
         let objects = self.service.objects().map(|object| known_object(&object)).collect();
         Ok(Response::new(proto::ListObjectsResponse { objects }))
     }
-}
-
-/// The room that a call's messages take.
-fn lease<T>(request: &Request<T>) -> Result<Lease, Failure> {
-    let lease = request.extensions().get::<Lease>().cloned();
-    // Every call is behind `admit`.
-    lease.ok_or_else(|| Failure::new(FailureKind::Internal, "the call was not admitted"))
 }

@@ -18,10 +18,29 @@ pub(super) fn code(kind: FailureKind) -> Code {
         FailureKind::TooLarge | FailureKind::QueueFull => Code::ResourceExhausted,
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => Code::NotFound,
         FailureKind::NotCalibrated | FailureKind::Unmeasurable => Code::FailedPrecondition,
+        FailureKind::Unauthenticated => Code::Unauthenticated,
         FailureKind::Forbidden => Code::PermissionDenied,
         FailureKind::MethodNotAllowed => Code::Unimplemented,
+        FailureKind::Unavailable => Code::Unavailable,
         FailureKind::TimedOut => Code::DeadlineExceeded,
         FailureKind::Internal => Code::Internal,
+    }
+}
+
+/// What a failure is called that came about outside of our handlers.
+pub(super) fn outcome(code: Code) -> &'static str {
+    match code {
+        Code::Ok => "ok",
+        Code::Cancelled => "cancelled",
+        Code::InvalidArgument | Code::FailedPrecondition | Code::AlreadyExists | Code::Aborted => "invalid_request",
+        Code::NotFound | Code::Unimplemented => "not_found",
+        Code::OutOfRange => "too_large",
+        Code::ResourceExhausted => "queue_full",
+        Code::DeadlineExceeded => "timed_out",
+        Code::Unavailable => "unavailable",
+        Code::Unauthenticated => "unauthenticated",
+        Code::PermissionDenied => "forbidden",
+        Code::Unknown | Code::Internal | Code::DataLoss => "internal",
     }
 }
 

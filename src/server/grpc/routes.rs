@@ -15,8 +15,8 @@ use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 use tower_http::catch_panic::CatchPanicLayer;
 
+use super::admit::{Admitting, MAX_CALLS, admit};
 use super::calls::Calls;
-use super::upload;
 use crate::proto;
 use crate::proto::pose_service_server::PoseServiceServer;
 use crate::server::front_end::{Context, FrontEnd, Protocol};
@@ -26,7 +26,7 @@ pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
     name: "grpc",
     protocol: Protocol::Http2,
     address: |config| config.grpc,
-    requests_bytes: (upload::MAX_CALLS as u64) * CALL_BYTES,
+    requests_bytes: (MAX_CALLS as u64) * CALL_BYTES,
     router: |context| Box::pin(router(context)),
 };
 
@@ -52,7 +52,7 @@ async fn router(context: Arc<Context>) -> Result<Router, Box<dyn Error + Send + 
         .add_service(reflection_v1alpha)
         .add_service(poses)
         .prepare();
-    let admit = middleware::from_fn_with_state(upload::Admitting::new(&context.service, limit), upload::admit);
+    let admit = middleware::from_fn_with_state(Admitting::new(&context, limit), admit);
     Ok(routes.into_axum_router().layer(CatchPanicLayer::custom(panicked)).layer(admit))
 }
 

@@ -2,21 +2,23 @@
 
 use std::pin::pin;
 use std::sync::Arc;
-use std::time::Instant;
 
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 use tonic::{Code, Status, Streaming};
 
-use super::answer::{estimate, observe};
-use super::failure::code;
-use super::upload::Lease;
+use super::answer::estimate;
+use super::call::Call;
+use super::failure::{code, outcome};
+use super::timeout::expired;
+use super::until::shutting_down;
 use crate::estimator::BodyLease;
 use crate::proto::estimate_stream_request::Kind;
 use crate::proto::estimate_stream_response::Result as FrameResult;
 use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings};
-use crate::server::front_end::stopped;
-use crate::server::service::Service;
+use crate::server::pending::Pending;
+use crate::server::service::{FailureKind, Service};
+use crate::server::stop::stopped;
 
 const DEFAULT_WINDOW: u32 = 4;
 const MAX_WINDOW: u32 = 16;
@@ -27,13 +29,14 @@ type Responses = mpsc::Sender<Result<EstimateStreamResponse, Status>>;
 struct LeasedFrame {
     frame: Frame,
     body: Arc<BodyLease>,
+    /// Counts it.
+    pending: Pending,
 }
 
 /// One stream's frames.
 pub(super) struct Frames {
     service: Arc<Service>,
-    /// Of messages that are on their way.
-    lease: Lease,
+    call: Call,
     responses: Responses,
     /// Frames in work. Dropped with a caller that leaves, and then no longer worked on.
     in_work: JoinSet<()>,
@@ -45,10 +48,10 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    pub(super) fn new(service: Arc<Service>, lease: Lease, responses: Responses) -> Self {
+    pub(super) fn new(service: Arc<Service>, call: Call, responses: Responses) -> Self {
         Self {
             service,
-            lease,
+            call,
             responses,
             in_work: JoinSet::new(),
             waiting: None,
@@ -62,6 +65,9 @@ impl Frames {
     pub(super) async fn run(mut self, mut requests: Streaming<EstimateStreamRequest>, stopping: watch::Receiver<bool>) {
         let responses = self.responses.clone();
         let mut stopped = pin!(stopped(stopping));
+        let mut expired = pin!(expired(self.call.deadline));
+        // Of the stream itself: its frames are counted one by one.
+        let pending = self.pending();
         let mut end = None;
         while end.is_none() || self.is_busy() {
             tokio::select! {
@@ -77,19 +83,30 @@ impl Frames {
                 },
                 Some(_) = self.in_work.join_next() => self.start_waiting(),
                 () = &mut stopped, if end.is_none() => {
-                    end = Some(Err(Status::unavailable("the server is shutting down; connect again")));
+                    end = Some(Err(shutting_down()));
                 }
-                () = responses.closed() => return,
+                () = &mut expired, if end.is_none() => {
+                    end = Some(Err(Status::deadline_exceeded("the time limit of the stream expired")));
+                }
+                () = responses.closed() => return pending.forget(),
             }
         }
-        if let Some(Err(status)) = end {
-            // A client that has left meanwhile is no fault.
-            let _ = responses.send(Err(status)).await;
+        match end {
+            Some(Err(status)) => {
+                pending.answered(self.call.failure().map_or_else(|| outcome(status.code()), FailureKind::name), None);
+                // A client that has left meanwhile is no fault.
+                let _ = responses.send(Err(status)).await;
+            }
+            Some(Ok(())) | None => pending.forget(),
         }
     }
 }
 
 impl Frames {
+    fn pending(&self) -> Pending {
+        Pending::new(&self.service, "grpc", "EstimateStream", true, tracing::Span::current())
+    }
+
     fn is_busy(&self) -> bool {
         !self.in_work.is_empty() || self.waiting.is_some()
     }
@@ -99,15 +116,16 @@ impl Frames {
     }
 
     async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
-        let body = Arc::new(self.lease.next_message());
+        let body = Arc::new(self.call.next_message());
         match request.kind {
             Some(Kind::Settings(settings)) => self.set(settings),
             Some(Kind::Frame(frame)) => {
                 self.started = true;
-                let frame = LeasedFrame { frame, body };
+                let frame = LeasedFrame { frame, body, pending: self.pending() };
                 if self.in_work.len() < self.window {
                     self.start(frame);
-                } else if let Some(LeasedFrame { frame: replaced, .. }) = self.waiting.replace(frame) {
+                } else if let Some(LeasedFrame { frame: replaced, pending, .. }) = self.waiting.replace(frame) {
+                    pending.answered("replaced", None);
                     let message = "replaced by a newer frame ('latest_only')".to_owned();
                     let result = FrameResult::Error(FrameError { code: Code::Aborted.into(), message });
                     respond(&self.responses, replaced.frame_id, result).await;
@@ -146,12 +164,12 @@ impl Frames {
 
     fn start(&mut self, frame: LeasedFrame) {
         let (service, responses) = (Arc::clone(&self.service), self.responses.clone());
-        let LeasedFrame { frame, body } = frame;
+        let LeasedFrame { frame, body, pending } = frame;
+        let deadline = service.deadline(None);
+        let deadline = self.call.deadline.map_or(deadline, |of_stream| deadline.min(of_stream));
         self.in_work.spawn(async move {
-            let start = Instant::now();
-            let deadline = service.deadline(None);
             let answer = estimate(&service, frame.request.unwrap_or_default(), body, deadline).await;
-            observe(&service, "EstimateStream", &answer, start);
+            pending.answered(answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok"), None);
             let result = match answer {
                 Ok(answer) => FrameResult::Answer(answer),
                 Err(failure) => {

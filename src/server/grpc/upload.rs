@@ -1,116 +1,67 @@
 //! Messages under a lease: each states its length first, and room is asked for before the rest is read.
 
-use std::collections::VecDeque;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::Instant;
 
 use axum::body::{Body, HttpBody};
-use axum::extract::{Request, State};
-use axum::middleware::Next;
-use axum::response::Response;
 use bytes::Bytes;
 use http_body::Frame;
-use tokio::sync::Semaphore;
 use tonic::Status;
-use tracing::Instrument as _;
 
-use crate::estimator::BodyLease;
-use crate::server::body::{Held, Stall};
-use crate::server::observe::span;
-use crate::server::service::{Answered, Failure, FailureKind, Service};
+use super::call::Call;
+use super::route::Route;
+use crate::server::body::Stall;
+use crate::server::service::{Failure, FailureKind, Service};
 
-/// The room of a call's messages, for its handler to pass on.
-#[derive(Clone)]
-pub(super) struct Lease {
-    pub body: Arc<BodyLease>,
-    /// Lengths of messages that were announced and not taken yet.
-    announced: Arc<Mutex<VecDeque<usize>>>,
-}
-
-impl Lease {
-    /// The room of the next message of a stream: all that was announced of it, known to us or not.
-    pub(super) fn next_message(&self) -> BodyLease {
-        let length = self.announced.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
-        self.body.split(length.unwrap_or(0))
-    }
-}
-
-/// What calls are admitted by.
-#[derive(Clone)]
-pub(super) struct Admitting {
-    service: Arc<Service>,
-    /// Of a message, bytes.
-    limit: usize,
-    calls: Arc<Semaphore>,
-}
-
-impl Admitting {
-    pub(super) fn new(service: &Arc<Service>, limit: usize) -> Self {
-        Self { service: Arc::clone(service), limit, calls: Arc::new(Semaphore::new(MAX_CALLS)) }
-    }
-}
-
-const ROUTES: [&str; 3] = ["Estimate", "EstimateStream", "ListObjects"];
-const OTHER: &str = "other";
-
-/// Open calls on all connections; each takes memory even if nothing comes.
-pub(super) const MAX_CALLS: usize = 2048;
 /// Messages of health checks and reflection are short.
 const MAX_OTHER_BYTES: usize = 16 * 1024;
 
-/// Counts a call's messages as they are announced.
-pub(super) async fn admit(State(admitting): State<Admitting>, request: Request, next: Next) -> Response {
-    let called = request.uri().path().strip_prefix("/posed.v1.PoseService/");
-    // Bounded: what is no call of ours is one label.
-    let route = ROUTES.into_iter().find(|route| Some(*route) == called).unwrap_or(OTHER);
-    let span = span("grpc", &request, route);
-    let Ok(call) = Arc::clone(&admitting.calls).try_acquire_owned() else {
-        let message = format!("{MAX_CALLS} calls are open already; try again in a moment");
-        return Status::from(Failure::new(FailureKind::QueueFull, message)).into_http();
-    };
-    let lease = Lease { body: admitting.service.lease(), announced: Arc::default() };
-    let (mut parts, body) = request.into_parts();
-    parts.extensions.insert(lease.clone());
-    let stall = Stall::new(admitting.service.limits.body_timeout);
-    let messages = Messages {
-        body,
-        lease: lease.clone(),
-        admitting,
-        route,
-        start: Instant::now(),
-        frame: Prefixed::default(),
-        stall,
-    };
-    let response = next.run(Request::from_parts(parts, Body::new(messages))).instrument(span).await;
-    // Until the answer has left: a client that does not read it has no room for more.
-    response.map(|body| Held::body(body, (lease, call)))
-}
-
-/// A call's body.
-struct Messages {
+/// A call's body: its messages are counted as they are announced, and come in their time.
+pub(super) struct Messages {
     body: Body,
-    lease: Lease,
-    admitting: Admitting,
-    route: &'static str,
-    start: Instant,
+    call: Call,
+    route: Route,
+    service: Arc<Service>,
+    /// Of a message, bytes.
+    limit: usize,
     frame: Prefixed,
-    stall: Stall,
+    /// Whether anything has come.
+    started: bool,
+    /// Since the last bytes.
+    pause: Stall,
+    /// Since the message began.
+    message: Stall,
 }
 
 impl Messages {
-    fn count(&mut self, mut data: &[u8]) -> Result<(), Status> {
+    pub(super) fn body(body: Body, call: Call, route: Route, service: &Arc<Service>, limit: usize) -> Body {
+        Body::new(Self {
+            body,
+            call,
+            route,
+            service: Arc::clone(service),
+            limit,
+            frame: Prefixed::default(),
+            started: false,
+            pause: Stall::new(service.limits.body_timeout),
+            message: Stall::new(service.limits.timeout),
+        })
+    }
+
+    fn count(&mut self, mut data: &[u8]) -> Result<(), Failure> {
+        self.started |= !data.is_empty();
         while let Some(length) = self.frame.next_length(&mut data) {
-            if self.route == OTHER && length > MAX_OTHER_BYTES {
+            self.message.reset();
+            if !self.route.is_ours() && length > MAX_OTHER_BYTES {
                 let message = format!("the message is larger than {MAX_OTHER_BYTES} bytes");
-                return Err(self.refuse(Failure::new(FailureKind::TooLarge, message)));
+                return Err(Failure::new(FailureKind::TooLarge, message));
             }
             // Larger ones are refused by the decoder, unread.
-            if length <= self.admitting.limit {
-                let admitted = self.admitting.service.admit_message(&self.lease.body, length, self.is_single());
-                admitted.map_err(|failure| self.refuse(failure))?;
-                self.lease.announced.lock().unwrap_or_else(PoisonError::into_inner).push_back(length);
+            if length <= self.limit {
+                let request = self.call.deadline.filter(|_| self.route == Route::Estimate);
+                self.service.admit_message(&self.call.body, length, request)?;
+                self.call.announce(length);
             }
         }
         Ok(())
@@ -118,21 +69,26 @@ impl Messages {
 
     /// Ends the call before its handler has it.
     fn refuse(&self, failure: Failure) -> Status {
-        let (outcome, duration) = (failure.kind.name(), self.start.elapsed());
-        let (route, for_poses) = (self.route, true);
-        self.admitting.service.answered(&Answered { protocol: "grpc", route, for_poses, outcome, duration });
-        failure.into()
+        self.call.failed(failure).into()
     }
 
-    /// One message, and the call is complete.
-    fn is_single(&self) -> bool {
-        self.route == "Estimate" || self.route == "ListObjects"
-    }
-
-    /// Whether the client owes us something now: the rest of a message, or the end of a call that has but one. Between the
-    /// frames of a stream it may be silent.
+    /// Whether the client owes us something now: the first message, the rest of one, or the end of a call that has but one.
+    /// Between the frames of a stream it may be silent.
     fn is_due(&self) -> bool {
-        self.frame.is_inside() || self.is_single()
+        self.frame.is_inside() || self.route.is_single() || (!self.started && !self.route.is_ours())
+    }
+
+    fn stall(&mut self, context: &mut Context<'_>) -> Poll<Failure> {
+        if !self.is_due() {
+            return Poll::Pending;
+        }
+        if self.pause.poll(context).is_ready() {
+            return Poll::Ready(stalled());
+        }
+        if self.frame.is_inside() && self.message.poll(context).is_ready() {
+            return Poll::Ready(slow());
+        }
+        Poll::Pending
     }
 }
 
@@ -143,20 +99,23 @@ impl HttpBody for Messages {
     fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
         match Pin::new(&mut self.body).poll_frame(context) {
             Poll::Ready(Some(Ok(frame))) => {
-                self.stall.reset();
+                self.pause.reset();
                 let counted = self.count(frame.data_ref().map_or(&[], AsRef::as_ref));
-                Poll::Ready(Some(counted.map(|()| frame)))
+                Poll::Ready(Some(counted.map(|()| frame).map_err(|failure| self.refuse(failure))))
             }
             Poll::Ready(Some(Err(error))) => Poll::Ready(Some(Err(Status::from_error(error.into())))),
             Poll::Ready(None) => Poll::Ready(None),
-            Poll::Pending if self.is_due() => self.stall.poll(context).map(|()| Some(Err(self.refuse(stalled())))),
-            Poll::Pending => Poll::Pending,
+            Poll::Pending => self.stall(context).map(|failure| Some(Err(self.refuse(failure)))),
         }
     }
 
     fn is_end_stream(&self) -> bool {
         self.body.is_end_stream()
     }
+}
+
+fn slow() -> Failure {
+    Failure::new(FailureKind::TimedOut, "the message took longer than 'timeout_ms' to arrive; send it faster, or less")
 }
 
 fn stalled() -> Failure {

@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 use super::failure::status;
 use super::form::{self, Form};
 use super::poses::{image, report};
+use super::upload::Admitted;
 use crate::estimator::BodyLease;
 use crate::server::api::json::{BatchRequest, ErrorBody, ErrorDetail, EstimateRequest, Report};
 use crate::server::service::{Failure, FailureKind, PoseWork, Service};
@@ -50,16 +51,22 @@ struct ItemReport {
     responses(
         (status = 200, description = "One item for each image, with its own status", body = BatchReport),
         (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
+        (status = 401, description = "The server needs a token, and there is none, or an unknown one", body = ErrorBody),
+        (status = 403, description = "The token lacks the scope", body = ErrorBody),
         (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
         (status = 415, description = "The body is not a form", body = ErrorBody),
-        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (
+            status = 429,
+            description = "The server is out of room, or the answer would come too late; retry after `Retry-After`",
+            body = ErrorBody
+        ),
         (status = 500, description = "The server failed on this request", body = ErrorBody),
+        (status = 503, description = "All workers have failed or hang", body = ErrorBody),
         (status = 504, description = "The body did not arrive in time, or stalled", body = ErrorBody),
     )
 )]
 pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request) -> Result<Json<BatchReport>, Failure> {
-    let deadline = form::deadline(&service, request.headers())?;
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let Form { images, request } = form::read_form::<BatchRequest>(&service, request, deadline).await?;
     if images.is_empty() {
         return Err(Failure::invalid("no part 'image'; send at least one"));

@@ -15,10 +15,12 @@ pub(super) fn status(kind: FailureKind) -> StatusCode {
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => StatusCode::NOT_FOUND,
         FailureKind::NotCalibrated => StatusCode::CONFLICT,
         FailureKind::Unmeasurable => StatusCode::UNPROCESSABLE_ENTITY,
+        FailureKind::Unauthenticated => StatusCode::UNAUTHORIZED,
         FailureKind::Forbidden => StatusCode::FORBIDDEN,
         FailureKind::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
         FailureKind::TimedOut => StatusCode::GATEWAY_TIMEOUT,
         FailureKind::QueueFull => StatusCode::TOO_MANY_REQUESTS,
+        FailureKind::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         FailureKind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
 }
@@ -28,6 +30,9 @@ impl IntoResponse for Failure {
         let mut response = (status(self.kind), Json(ErrorBody::from(&self))).into_response();
         if self.kind == FailureKind::QueueFull {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        if self.kind == FailureKind::Unauthenticated {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         // For the log and the metrics.
         response.extensions_mut().insert(self.kind);

@@ -2,8 +2,7 @@
 
 use std::error::Error;
 use std::future::Future;
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use axum::body::HttpBody as _;
 use axum::extract::multipart::{Field, MultipartError};
@@ -13,11 +12,8 @@ use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
 use serde::de::DeserializeOwned;
 
-use super::upload::{Lease, UploadError};
-use crate::estimator::BodyLease;
+use super::upload::{Admitted, UploadError};
 use crate::server::service::{Failure, FailureKind, MAX_JSON_BYTES, Service};
-
-const TIMEOUT: &str = "x-request-timeout-ms";
 
 /// What a form holds.
 pub(super) struct Form<T> {
@@ -54,22 +50,11 @@ impl Kind {
     }
 }
 
-/// When the request's time is over.
-pub(super) fn deadline(service: &Service, headers: &HeaderMap) -> Result<Instant, Failure> {
-    let asked = headers.get(TIMEOUT).map(|value| {
-        let milliseconds = value.to_str().ok().and_then(|text| text.parse::<u64>().ok()).filter(|ms| *ms > 0);
-        let message =
-            || Failure::invalid(format!("header '{TIMEOUT}' must be a whole number of milliseconds, at least 1"));
-        milliseconds.ok_or_else(message)
-    });
-    Ok(service.deadline(asked.transpose()?.map(Duration::from_millis)))
-}
-
-/// The room of a request's body.
-pub(super) fn lease(request: &Request) -> Result<Arc<BodyLease>, Failure> {
-    let lease = request.extensions().get::<Lease>().map(|Lease(lease)| Arc::clone(lease));
+/// The room of a request's body, and its time.
+pub(super) fn admitted(request: &Request) -> Result<Admitted, Failure> {
     // Every route that reads a body is behind `admit`.
-    lease.ok_or_else(|| Failure::new(FailureKind::Internal, "the body was not admitted"))
+    let missing = || Failure::new(FailureKind::Internal, "the body was not admitted");
+    request.extensions().get::<Admitted>().cloned().ok_or_else(missing)
 }
 
 /// A body that is one image.

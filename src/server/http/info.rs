@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use posed_core::geometry::Camera;
 
+use super::path::ObjectName;
 use crate::server::api::json::{CameraForm, ErrorBody, LimitsReport, ObjectReport, StatusReport};
 use crate::server::service::{Failure, Service};
 
@@ -26,7 +27,7 @@ pub(super) async fn objects(State(service): State<Arc<Service>>) -> Json<Vec<Obj
 )]
 pub(super) async fn object(
     State(service): State<Arc<Service>>,
-    Path(name): Path<String>,
+    ObjectName(name): ObjectName,
 ) -> Result<Json<ObjectReport>, Failure> {
     Ok(Json(service.object(&name)?.into()))
 }

@@ -5,11 +5,13 @@ mod failure;
 mod form;
 mod info;
 mod observe;
+mod path;
 mod picture;
 mod poses;
 mod query;
 mod reference;
 mod routes;
+mod timeout;
 mod upload;
 
 pub(super) use routes::FRONT_END;

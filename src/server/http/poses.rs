@@ -11,6 +11,7 @@ use bytes::Bytes;
 use super::form::{self, Form, Kind};
 use super::picture;
 use super::query::EstimateQuery;
+use super::upload::Admitted;
 use crate::estimator::Answer;
 use crate::server::api::json::{ErrorBody, EstimateRequest, Report, ReportContext};
 use crate::server::service::{Failure, Options, PoseWork, Service};
@@ -42,12 +43,19 @@ use crate::vision::{Image, RawImage, RawLayout};
     responses(
         (status = 200, description = "The poses; an empty list if no object is in view", body = Report),
         (status = 400, description = "The image, the camera or an option is not usable", body = ErrorBody),
+        (status = 401, description = "The server needs a token, and there is none, or an unknown one", body = ErrorBody),
+        (status = 403, description = "The token lacks the scope", body = ErrorBody),
         (status = 404, description = "The camera or the object is unknown", body = ErrorBody),
         (status = 409, description = "A requested object is not calibrated", body = ErrorBody),
         (status = 413, description = "The body or the image exceeds a limit", body = ErrorBody),
         (status = 415, description = "The image format or the content type is not supported", body = ErrorBody),
-        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (
+            status = 429,
+            description = "The server is out of room, or the answer would come too late; retry after `Retry-After`",
+            body = ErrorBody
+        ),
         (status = 500, description = "The server failed on this image", body = ErrorBody),
+        (status = 503, description = "All workers have failed or hang", body = ErrorBody),
         (status = 504, description = "The time limit expired, or the body stalled", body = ErrorBody),
     )
 )]
@@ -57,9 +65,8 @@ pub(super) async fn poses(
     request: Request,
 ) -> Result<Response, Failure> {
     let Query(query) = query.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
-    let deadline = form::deadline(&service, request.headers())?;
     let picture = picture::wanted(request.headers());
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let kind = if query.is_raw() { Kind::Image } else { Kind::of(request.headers())? };
     let (image, options) = match kind {
         Kind::Image => {

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, Request, State};
+use axum::extract::{Request, State};
 
 use super::form::{self, Form};
+use super::path::ObjectName;
+use super::upload::Admitted;
 use crate::estimator::CalibrateOptions;
 use crate::server::api::json::{ErrorBody, ReferenceReport, ReferenceRequest};
 use crate::server::service::{Failure, Recalibration, Service};
@@ -26,24 +28,29 @@ use crate::server::service::{Failure, Recalibration, Service};
     responses(
         (status = 200, description = "The new reference", body = ReferenceReport),
         (status = 400, description = "The form or one of its values is not usable", body = ErrorBody),
-        (status = 403, description = "The server runs without `--recalibration`", body = ErrorBody),
+        (status = 401, description = "The server needs a token, and there is none, or an unknown one", body = ErrorBody),
+        (status = 403, description = "The server runs without `--recalibration`, or the token lacks the scope", body = ErrorBody),
         (status = 404, description = "The object or the camera is unknown", body = ErrorBody),
         (status = 413, description = "The body exceeds a limit, or has too many images", body = ErrorBody),
         (status = 415, description = "The body is not a form", body = ErrorBody),
         (status = 422, description = "The object cannot be measured in an image, or images disagree", body = ErrorBody),
-        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+        (
+            status = 429,
+            description = "The server is out of room, or the answer would come too late; retry after `Retry-After`",
+            body = ErrorBody
+        ),
         (status = 500, description = "The server failed on this request", body = ErrorBody),
+        (status = 503, description = "All workers have failed or hang", body = ErrorBody),
         (status = 504, description = "No answer in time, or the body stalled", body = ErrorBody),
     )
 )]
 pub(super) async fn replace(
     State(service): State<Arc<Service>>,
-    Path(object): Path<String>,
+    ObjectName(object): ObjectName,
     request: Request,
 ) -> Result<Json<ReferenceReport>, Failure> {
     service.may_recalibrate(&object)?;
-    let deadline = form::deadline(&service, request.headers())?;
-    let body = form::lease(&request)?;
+    let Admitted { body, deadline } = form::admitted(&request)?;
     let Form { images, request } = form::read_form::<ReferenceRequest>(&service, request, deadline).await?;
     let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one with the known poses"))?;
     let options = CalibrateOptions { mode: request.mode, far_origin: request.far_origin };

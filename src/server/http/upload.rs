@@ -4,7 +4,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
@@ -15,13 +15,19 @@ use bytes::Bytes;
 use http_body::{Frame, SizeHint};
 use thiserror::Error;
 
+use super::timeout;
 use crate::estimator::{BodyLease, Refusal};
 use crate::server::body::{Held, Stall, drain};
-use crate::server::service::{Failure, FailureKind, Service};
+use crate::server::service::{Failure, FailureKind, Scope, Service};
 
-/// The room of a request's body, for its handler to pass on.
+/// What a request was admitted with, for its handler.
 #[derive(Clone)]
-pub(super) struct Lease(pub Arc<BodyLease>);
+pub(super) struct Admitted {
+    /// The room of its body.
+    pub body: Arc<BodyLease>,
+    /// When its time is over.
+    pub deadline: Instant,
+}
 
 /// Why a body is not read to its end.
 #[derive(Debug, Error)]
@@ -36,18 +42,33 @@ pub(super) enum UploadError {
     Broken(#[source] axum::Error),
 }
 
-/// Asks for room before the body is read. What is refused is refused here, before the upload.
+/// Asks who it is, and for room, before the body is read. What is refused is refused here, before the upload.
 pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
-    if matches!(*request.method(), Method::GET | Method::HEAD) {
-        return next.run(request).await;
+    let scope = match *request.method() {
+        Method::GET | Method::HEAD => Scope::Any,
+        Method::PUT => Scope::Calibrate,
+        _ => Scope::Estimate,
+    };
+    let allowed = service.access.check(request.headers().get(header::AUTHORIZATION).map(HeaderValue::as_bytes), scope);
+    if scope == Scope::Any {
+        return match allowed {
+            Ok(()) => next.run(request).await,
+            Err(failure) => failure.into_response(),
+        };
     }
     let (mut parts, body) = request.into_parts();
     let unread = Unread::new(&parts.headers);
     let (limit, timeout) = (service.limits.max_body_bytes, service.limits.body_timeout);
     let upload = |lease| Upload { body, lease, received: 0, limit, timeout, stall: None, unread: unread.clone() };
-    let mut response = match service.admit(announced(&parts.headers)) {
-        Ok(lease) => {
-            parts.extensions.insert(Lease(Arc::clone(&lease)));
+    let admitted = allowed.and_then(|()| {
+        let deadline = timeout::deadline(&service, &parts.headers)?;
+        let body = service.admit(announced(&parts.headers), deadline)?;
+        Ok(Admitted { body, deadline })
+    });
+    let mut response = match admitted {
+        Ok(admitted) => {
+            let lease = Arc::clone(&admitted.body);
+            parts.extensions.insert(admitted);
             let body = Body::new(upload(Some(Arc::clone(&lease))));
             let response = next.run(Request::from_parts(parts, body)).await;
             // Until the answer has left: a client that does not read it has no room for more.
@@ -166,7 +187,7 @@ impl From<&UploadError> for Failure {
     fn from(error: &UploadError) -> Self {
         match error {
             UploadError::TooLarge { limit } => Self::body_too_large(*limit),
-            UploadError::Refused(refusal) => Self::new(FailureKind::QueueFull, refusal.to_string()),
+            UploadError::Refused(refusal) => (*refusal).into(),
             UploadError::Stalled => Self::new(
                 FailureKind::TimedOut,
                 "the request body stalled for longer than 'body_timeout_ms'; send it without pauses",

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::failure::{Failure, FailureKind};
+use super::failure::Failure;
 use super::options::Options;
 use super::state::Service;
 use crate::estimator::{Abandoned, Answer, BodyLease, QueueError, Refusal, Work};
@@ -22,7 +22,7 @@ pub(crate) struct PoseWork<'a> {
 
 impl Service {
     /// Room for a body, asked for before it is read: of its announced length, or of none, to grow as it comes.
-    pub(crate) fn admit(&self, announced: Option<u64>) -> Result<Arc<BodyLease>, Failure> {
+    pub(crate) fn admit(&self, announced: Option<u64>, deadline: Instant) -> Result<Arc<BodyLease>, Failure> {
         let limit = self.limits.max_body_bytes;
         let bytes = match announced.map(usize::try_from) {
             None => 0,
@@ -30,7 +30,7 @@ impl Service {
             Some(_) => return Err(Failure::body_too_large(limit)),
         };
         let admission = self.queue.admission();
-        let body = admission.has_place().and_then(|()| admission.body(bytes));
+        let body = self.queue.may_come(deadline).and_then(|()| admission.body(bytes));
         body.map(Arc::new).map_err(|refusal| self.refused(refusal))
     }
 
@@ -39,15 +39,20 @@ impl Service {
         Arc::new(self.queue.admission().empty_body())
     }
 
-    /// Room for a message that is announced. `whole` where it is a request of its own, which needs a place, too.
-    pub(crate) fn admit_message(&self, body: &BodyLease, bytes: usize, whole: bool) -> Result<(), Failure> {
-        let place = if whole { self.queue.admission().has_place() } else { Ok(()) };
+    /// Room for a message that is announced. One that is a request of its own, with a deadline, needs a place, too.
+    pub(crate) fn admit_message(
+        &self,
+        body: &BodyLease,
+        bytes: usize,
+        request: Option<Instant>,
+    ) -> Result<(), Failure> {
+        let place = request.map_or(Ok(()), |deadline| self.queue.may_come(deadline));
         place.and_then(|()| body.grow_by(bytes)).map_err(|refusal| self.refused(refusal))
     }
 
     fn refused(&self, refusal: Refusal) -> Failure {
         self.queue.stats().refuse();
-        Failure::new(FailureKind::QueueFull, refusal.to_string())
+        refusal.into()
     }
 
     /// Poses from one image.

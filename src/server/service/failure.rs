@@ -1,7 +1,7 @@
 //! What can go wrong with a request.
 
 use super::cameras::Cameras;
-use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError};
+use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError, Refusal};
 use crate::vision::DecodeError;
 use posed_core::geometry::CameraError;
 
@@ -26,10 +26,12 @@ pub(crate) enum FailureKind {
     UnknownObject,
     NotCalibrated,
     Unmeasurable,
+    Unauthenticated,
     Forbidden,
     NotFound,
     MethodNotAllowed,
     QueueFull,
+    Unavailable,
     TimedOut,
     Internal,
 }
@@ -45,11 +47,13 @@ impl FailureKind {
             Self::UnknownObject => "unknown_object",
             Self::NotCalibrated => "not_calibrated",
             Self::Unmeasurable => "unmeasurable",
+            Self::Unauthenticated => "unauthenticated",
             Self::Forbidden => "forbidden",
             Self::NotFound => "not_found",
             Self::MethodNotAllowed => "method_not_allowed",
             Self::TimedOut => "timed_out",
             Self::QueueFull => "queue_full",
+            Self::Unavailable => "unavailable",
             Self::Internal => "internal",
         }
     }
@@ -91,10 +95,16 @@ impl From<CameraError> for Failure {
     }
 }
 
+impl From<Refusal> for Failure {
+    fn from(refusal: Refusal) -> Self {
+        Self::new(of_refusal(refusal), refusal.to_string())
+    }
+}
+
 impl From<QueueError> for Failure {
     fn from(error: QueueError) -> Self {
         let kind = match &error {
-            QueueError::Refused(_) => FailureKind::QueueFull,
+            QueueError::Refused(refusal) => of_refusal(*refusal),
             QueueError::Abandoned(_) => FailureKind::TimedOut,
             QueueError::Decode(decode) => of_decode(decode),
             QueueError::TooCostly { .. } => FailureKind::TooLarge,
@@ -120,6 +130,14 @@ impl From<QueueError> for Failure {
             ""
         };
         Self::new(kind, format!("{error}{setting}"))
+    }
+}
+
+fn of_refusal(refusal: Refusal) -> FailureKind {
+    match refusal {
+        Refusal::Images { .. } | Refusal::Bytes { .. } | Refusal::Busy { .. } => FailureKind::QueueFull,
+        Refusal::Hasty { .. } => FailureKind::TimedOut,
+        Refusal::NoWorkers => FailureKind::Unavailable,
     }
 }
 

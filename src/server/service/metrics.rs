@@ -167,10 +167,12 @@ impl Collector for QueueCollector {
         };
         let read = |value: &std::sync::atomic::AtomicU64| value.load(Ordering::Relaxed);
         counter("queue_enqueued", "Images admitted to the queue", read(&stats.admitted))?;
-        counter("queue_refused", "Bodies and images rejected for lack of room", read(&stats.refused))?;
+        counter("queue_refused", "Bodies and images rejected for lack of room or time", read(&stats.refused))?;
         counter("undecodable", "Images that could not be decoded", read(&stats.undecodable))?;
         counter("batches", "Groups of images that workers processed together", read(&stats.batches))?;
         counter("worker_restarts", "Worker restarts after a panic", read(&stats.worker_restarts))?;
+        let help = "Times that a worker was taken out because its images took too long";
+        counter("worker_timeouts", help, read(&stats.worker_timeouts))?;
         let dequeued = ConstCounter::new(0_u64);
         let help = "Images that left the queue";
         let mut family = encoder.encode_descriptor("queue_dequeued", help, None, dequeued.metric_type())?;

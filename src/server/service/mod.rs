@@ -1,5 +1,6 @@
 //! What the server can do, for every front end: HTTP and gRPC translate, call this, and translate back.
 
+mod access;
 mod cameras;
 mod estimate;
 mod failure;
@@ -15,6 +16,7 @@ mod state;
 mod status;
 mod watch;
 
+pub(crate) use access::{Access, AccessError, Scope};
 pub(crate) use estimate::PoseWork;
 pub(crate) use failure::{Failure, FailureKind};
 pub(crate) use limits::{Connections, Limits, MAX_JSON_BYTES, MemoryBound};

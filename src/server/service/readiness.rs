@@ -1,6 +1,5 @@
 //! Whether requests should come here, from the first moment to the last.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use super::state::Service;
@@ -9,7 +8,6 @@ use super::state::Service;
 #[derive(Clone, Default)]
 pub(crate) struct Readiness {
     service: Arc<OnceLock<Arc<Service>>>,
-    draining: Arc<AtomicBool>,
 }
 
 impl Readiness {
@@ -19,17 +17,9 @@ impl Readiness {
         let _ = self.service.set(service);
     }
 
-    pub(crate) fn set_draining(&self) {
-        self.draining.store(true, Ordering::Relaxed);
-    }
-
     /// `Err` says why no request should come here now.
     pub(crate) fn check(&self) -> Result<(), &'static str> {
-        let Some(service) = self.service.get() else { return Err("loading the models") };
-        if self.draining.load(Ordering::Relaxed) {
-            return Err("shutting down");
-        }
-        service.serves()
+        self.service.get().map_or(Err("loading the models"), |service| service.serves())
     }
 
     /// Once it is loaded.

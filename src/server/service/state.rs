@@ -1,10 +1,12 @@
 //! Everything that is loaded once and serves until the end.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use thiserror::Error;
 
+use super::access::Access;
 use super::cameras::{CameraFolderError, Cameras};
 use super::limits::{Connections, Limits};
 use super::metrics::Metrics;
@@ -23,11 +25,14 @@ pub(crate) struct Service {
     pub(crate) models: ModelsInUse,
     pub(crate) limits: Limits,
     pub(crate) metrics: Metrics,
+    pub(crate) access: Access,
     pub(super) recent: Recent,
     /// Turns of images that come in batches.
     pub(super) batch_turns: tokio::sync::Semaphore,
     /// There where clients may replace references. One at a time: two of one object would mix their images.
     pub(super) recalibration: Option<Arc<tokio::sync::Mutex<()>>>,
+    /// The server is about to end: requests should go elsewhere, and are answered nevertheless.
+    draining: AtomicBool,
 }
 
 /// A request at its end.
@@ -56,7 +61,7 @@ pub(crate) enum LoadFailure {
 impl Service {
     /// Loads everything from disk and starts the workers, warmed up. `connections` is what the front ends' connections may
     /// take in all.
-    pub(crate) fn load(config: &Config, connections: Connections) -> Result<Self, LoadFailure> {
+    pub(crate) fn load(config: &Config, connections: Connections, access: Access) -> Result<Self, LoadFailure> {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
         let library = Arc::new(Library::load(&config.models)?);
         let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
@@ -75,19 +80,40 @@ impl Service {
         let metrics = Metrics::new(queue.clone(), &models, &limits);
         let recalibration = config.recalibration.then(Arc::default);
         let (recent, batch_turns) = (Recent::default(), tokio::sync::Semaphore::new(limits.batch_places()));
-        Ok(Self { queue, library, references, cameras, models, limits, metrics, recent, batch_turns, recalibration })
+        Ok(Self {
+            queue,
+            library,
+            references,
+            cameras,
+            models,
+            limits,
+            metrics,
+            access,
+            recent,
+            batch_turns,
+            recalibration,
+            draining: AtomicBool::new(false),
+        })
     }
 
     /// `Err` says why no request should come here now.
     pub(super) fn serves(&self) -> Result<(), &'static str> {
-        if self.queue.stats().ready_workers.load(std::sync::atomic::Ordering::Relaxed) == 0 {
-            return Err("all workers have failed; see the log");
+        if self.draining.load(Ordering::Relaxed) {
+            return Err("shutting down");
+        }
+        if self.queue.stats().ready_workers.load(Ordering::Relaxed) == 0 {
+            return Err("all workers have failed or hang; see the log");
         }
         let mut objects = self.library.known();
         if !objects.any(|object| self.is_calibrated(&object.manifest.name)) && self.recalibration.is_none() {
             return Err("no object is calibrated; run `posed calibrate`");
         }
         Ok(())
+    }
+
+    /// From now on it is not ready.
+    pub(crate) fn set_draining(&self) {
+        self.draining.store(true, Ordering::Relaxed);
     }
 
     pub(super) fn is_calibrated(&self, object: &str) -> bool {

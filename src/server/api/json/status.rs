@@ -46,7 +46,7 @@ struct WorkersReport {
 /// Requests for poses in the last minute, over HTTP and gRPC.
 #[derive(Serialize, ToSchema)]
 struct LastMinuteReport {
-    /// Number of requests by outcome: `ok` or an error code.
+    /// Number of requests by outcome: `ok`, an error code, `cancelled` (the caller left) or `replaced` (by a newer frame).
     #[schema(value_type = BTreeMap<String, usize>)]
     outcomes: BTreeMap<&'static str, usize>,
     /// Successful requests per second.

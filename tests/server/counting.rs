@@ -1,0 +1,112 @@
+//! Every request is counted once, with what became of it, and has a line in the log.
+
+use posed::proto::EstimateRequest;
+use posed::proto::estimate_request::Camera;
+use posed::proto::pose_service_client::PoseServiceClient;
+use reqwest::Client;
+use serde_json::Value;
+
+use crate::raw_grpc::RawClient;
+use crate::support::{CAMERA, Server, error, metrics, post, read, samples};
+
+#[tokio::test]
+async fn callers_that_vanish_are_counted() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let (url, client) = (server.url(&format!("/v1/poses?{CAMERA}")), Client::new());
+    let http: Vec<_> = (0..6).map(|_| tokio::spawn(client.post(&url).body(image.clone()).send())).collect();
+    let grpc: Vec<_> = (0..6)
+        .map(|_| {
+            let (address, image) = (format!("http://{}", server.grpc), image.clone().into());
+            let request =
+                EstimateRequest { image, camera: Some(Camera::CameraId("demo".into())), ..Default::default() };
+            tokio::spawn(async move { PoseServiceClient::connect(address).await.unwrap().estimate(request).await })
+        })
+        .collect();
+    server.until_counted("posed_queue_enqueued_total 12").await;
+    http.iter().for_each(tokio::task::JoinHandle::abort);
+    grpc.iter().for_each(tokio::task::JoinHandle::abort);
+    for route in ["protocol=\"http\",route=\"/v1/poses\"", "protocol=\"grpc\",route=\"Estimate\""] {
+        server.until_counted(&format!("posed_requests_total{{{route},outcome=\"cancelled\"}}")).await;
+    }
+    server.until_counted("posed_inflight 0").await;
+    let text = metrics(&server).await;
+    let all = text.lines().filter(|line| line.starts_with("posed_requests_total{"));
+    let sum: u32 = all.map(|line| line.split_once("} ").unwrap().1.parse::<u32>().unwrap()).sum();
+    assert_eq!(sum, 12, "{text}");
+}
+
+#[tokio::test]
+async fn what_no_handler_sees_is_counted_too() {
+    let server = Server::start(&[]);
+    let response = reqwest::get(server.url("/v1/objects/%FF")).await.unwrap();
+    assert_eq!(response.status(), 400);
+    assert_eq!(error(response).await.0, "invalid_request");
+    let mut client = RawClient::connect(&server).await;
+    let mut call = client.call("Estimate", &[]).await;
+    call.send(b"\x0a\xff no message", true);
+    let (code, answer) = call.refused().await;
+    assert_eq!(code, "3");
+    assert_eq!(answer.headers()["x-request-id"].len(), 36);
+    let mut call = client.call("Estimate", &[("grpc-timeout", "soon"), ("x-request-id", "frame-17")]).await;
+    call.send(b"", true);
+    let (code, answer) = call.refused().await;
+    assert_eq!((code.as_str(), answer.headers()["x-request-id"].to_str().unwrap()), ("3", "frame-17"));
+    let mut call = client.call("Guess", &[]).await;
+    call.send(b"", true);
+    assert_eq!(call.refused().await.0, "12");
+    for counted in [
+        "protocol=\"http\",route=\"/v1/objects/{name}\",outcome=\"invalid_request\"} 1",
+        "protocol=\"grpc\",route=\"Estimate\",outcome=\"invalid_request\"} 2",
+        "protocol=\"grpc\",route=\"other\",outcome=\"not_found\"} 1",
+    ] {
+        server.until_counted(counted).await;
+    }
+}
+
+/// Open calls are bounded, on one connection and on all; those beyond are refused, and counted like all others.
+#[tokio::test]
+async fn calls_beyond_the_limit_are_refused_and_counted() {
+    let server = Server::start(&[]);
+    let mut clients = Vec::new();
+    let mut open = Vec::new();
+    let refused = loop {
+        let mut client = RawClient::connect(&server).await;
+        for _ in 1..client.most_calls {
+            open.push(client.call("EstimateStream", &[]).await);
+        }
+        // Refused calls are answered at once, others not before their first message.
+        let mut call = client.call("ListObjects", &[]).await;
+        call.send(b"", true);
+        let answer = call.answer().await;
+        clients.push(client);
+        if let Some(code) = answer.headers().get("grpc-status") {
+            break code.to_str().unwrap().to_owned();
+        }
+        assert!(clients.len() < 100, "there is no limit");
+    };
+    assert_eq!(refused, "8");
+    let counted = "protocol=\"grpc\",route=\"ListObjects\",outcome=\"queue_full\"} 1";
+    server.until_counted(counted).await;
+    drop((open, clients));
+    assert_eq!(post(&server, CAMERA, read(&samples()[0].file)).await.status(), 200);
+}
+
+/// Whatever clients send: lines are short, and numbers are numbers.
+#[tokio::test]
+async fn lines_of_the_log_are_short_and_typed() {
+    let server = Server::start(&["--log-format", "json", "--log", "debug"]);
+    let long = "x".repeat(20_000);
+    let method = reqwest::Method::from_bytes(long.as_bytes()).unwrap();
+    let _ = Client::new().request(method, server.url("/v1/limits")).send().await.unwrap();
+    post(&server, &format!("camera={long}"), b"no image".to_vec()).await;
+    post(&server, CAMERA, b"no image".to_vec()).await;
+    server.until_logged("unsupported_format").await;
+    let log = server.log();
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let longest = log.lines().map(str::len).max().unwrap();
+    assert!(longest < 4096, "{longest} bytes");
+    let answered: Vec<&Value> = lines.iter().filter(|line| line["outcome"].is_string()).collect();
+    assert_eq!(answered.len(), 3, "{log}");
+    assert!(answered.iter().all(|line| line["status"].is_u64() && line["ms"].is_u64()), "{log}");
+}
