@@ -97,6 +97,15 @@ pub struct KeypointPrediction {
     pub peaks: Vec<f64>,
 }
 
+impl KeypointPrediction {
+    /// Whether all of it are numbers that a pose may be solved from.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let pixels = self.pixels.iter().flatten().chain(self.covariances.iter().flatten());
+        pixels.chain(&self.peaks).all(|value| value.is_finite())
+    }
+}
+
 /// One detected object with its pose.
 #[derive(Clone, Debug)]
 pub struct ObjectPose {
@@ -192,6 +201,11 @@ pub struct Estimate {
     pub camera: Camera,
     /// The size that the camera was calibrated for, where it was scaled.
     pub camera_scaled_from: Option<(u32, u32)>,
+    /// Whether objects may be missing, since there were as many detections as a limit allows: [`MAX_DETECTIONS`], or one of
+    /// the detector itself.
+    ///
+    /// [`MAX_DETECTIONS`]: super::MAX_DETECTIONS
+    pub truncated: bool,
     pub timings: Timings,
 }
 

@@ -39,6 +39,11 @@ pub(super) fn object_pose(
         pose,
         diameter_m: manifest.diameter_m,
     };
+    if !prediction.is_finite() {
+        let mut verdict = Verdict::default();
+        verdict.object(Reason::NotFinite, Status::Rejected);
+        return answer(verdict, None);
+    }
     let Ok(solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);

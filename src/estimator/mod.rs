@@ -4,6 +4,7 @@ mod admission;
 mod answer;
 mod calibrate;
 mod detect;
+mod feed;
 mod footprint;
 mod gates;
 mod job;
@@ -13,6 +14,7 @@ mod picture;
 mod pipeline;
 mod prepare;
 mod queue;
+mod rows;
 mod solver;
 mod stats;
 mod verdict;
@@ -24,6 +26,7 @@ pub use answer::{
     Selection, SolvedKeypoint, SolvedPose, Timings,
 };
 pub use calibrate::{CalibrateError, MeasuredView, average_offsets, calibrate, measure_offset};
+pub use detect::MAX_DETECTIONS;
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};

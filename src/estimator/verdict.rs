@@ -19,6 +19,8 @@ pub enum Reason {
     NoPose,
     /// The evidence leaves the pose loose: see its covariance.
     UncertainPose,
+    /// The network returned values that are not finite numbers.
+    NotFinite,
 }
 
 impl std::fmt::Display for Reason {
@@ -31,12 +33,13 @@ impl std::fmt::Display for Reason {
             Self::WeakKeypoints => "weak_keypoints",
             Self::NoPose => "no_pose",
             Self::UncertainPose => "uncertain_pose",
+            Self::NotFinite => "not_finite",
         })
     }
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 7] = [
+const REASONS: [Reason; 8] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
@@ -44,6 +47,7 @@ const REASONS: [Reason; 7] = [
     Reason::BoxMismatch,
     Reason::UncertainPose,
     Reason::NoPose,
+    Reason::NotFinite,
 ];
 
 /// The reasons for a status: a set.

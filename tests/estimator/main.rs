@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod formats;
+mod isolation;
 mod queue;
 mod real;
 mod script;
+mod tray;
 mod zoom;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::estimator::MAX_DETECTIONS;
 use crate::model::{Method, Reference};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
 use crate::vision::{OrientationPolicy, RawEncoding};
@@ -64,6 +65,8 @@ pub(crate) struct LimitsReport {
     max_pixels: u64,
     /// Maximum number of images in a request to `/v1/poses/batch`.
     max_batch_images: usize,
+    /// Maximum number of objects in one image. An answer that reached it has `truncated`.
+    max_detections: usize,
     /// Maximum number of images that are waiting or in progress.
     queue: usize,
     /// Maximum size of all request bodies together. A body counts until its answer has left.
@@ -112,6 +115,7 @@ impl From<&Limits> for LimitsReport {
             max_side_px: limits.max_side_px,
             max_pixels: limits.max_pixels,
             max_batch_images: limits.max_batch_images,
+            max_detections: MAX_DETECTIONS,
             queue: limits.queue,
             queue_bytes: limits.queue_bytes,
             pixel_bytes: limits.pixel_bytes,

@@ -38,6 +38,9 @@ pub struct Report {
     pub image: ImageReport,
     /// Sorted by status, then by detection score: the most trusted pose comes first.
     pub poses: Vec<PoseReport>,
+    /// Whether objects may be missing, because the number of detections reached a limit: `max_detections` in
+    /// `GET /v1/limits`, or the detector's own. Ask for fewer objects (`objects`), or raise `min_confidence`.
+    pub truncated: bool,
     pub timings_ms: TimingsReport,
     pub models: ModelsReport,
 }
@@ -180,6 +183,7 @@ impl Report {
                 camera_scaled_from: answer.estimate.camera_scaled_from.map(|(width, height)| [width, height]),
             },
             poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),
+            truncated: answer.estimate.truncated,
             timings_ms: TimingsReport {
                 queue: milliseconds(answer.queued),
                 decode: milliseconds(answer.decode),

@@ -40,6 +40,8 @@ pub enum ReasonForm {
     NoPose,
     /// The pose is uncertain. See its covariance.
     UncertainPose,
+    /// The network returned values that are not finite numbers, so there is no pose.
+    NotFinite,
 }
 
 impl From<Status> for StatusForm {
@@ -63,6 +65,7 @@ impl From<Reason> for ReasonForm {
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
             Reason::UncertainPose => Self::UncertainPose,
+            Reason::NotFinite => Self::NotFinite,
         }
     }
 }

@@ -39,6 +39,7 @@ pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse)
             batch_size: answer.batch_size as u32,
         }),
         poses: answer.estimate.poses.iter().map(|found| object_pose(found, &options.frames)).collect(),
+        truncated: answer.estimate.truncated,
         captured_at: options.captured_at.clone().unwrap_or_default(),
         exif_orientation: answer.exif.orientation.into(),
         exif_applied: answer.exif.applied,
@@ -139,6 +140,7 @@ impl From<Reason> for proto::Reason {
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
             Reason::UncertainPose => Self::UncertainPose,
+            Reason::NotFinite => Self::NotFinite,
         }
     }
 }
