@@ -77,7 +77,11 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
             covariance: Covariance6::identity(),
             image_covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,
-            keypoints: vec![SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: 1.0, inlier: true }; 8],
+            keypoints: vec![
+                SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: Some(1.0), inlier: true };
+                8
+            ],
+            outside_lens: 0,
             alternatives: Vec::new(),
             weight: 1.0,
             box_in_camera: [Vector3::zeros(); 8],

@@ -141,6 +141,8 @@ pub struct SolvedPose {
     pub image_covariance: Covariance6,
     pub reprojection_rmse_px: f64,
     pub keypoints: Vec<SolvedKeypoint>,
+    /// How many of the keypoints lie beyond the domain of the lens model, and took no part.
+    pub outside_lens: usize,
     /// Other poses with their posterior weights.
     pub alternatives: Vec<(Pose, f64)>,
     /// Posterior weight of this pose among the alternatives.
@@ -178,8 +180,8 @@ pub struct SolvedKeypoint {
     pub pixel: Vector2<f64>,
     /// Probability mass about it, 0..1.
     pub peak: f64,
-    /// Distance from the pose's projection, pixels.
-    pub residual_px: f64,
+    /// Distance from the pose's projection, pixels. `None` beyond the domain of the lens model.
+    pub residual_px: Option<f64>,
     pub inlier: bool,
 }
 

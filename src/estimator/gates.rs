@@ -91,10 +91,11 @@ fn solved_pose(
             .map(|((pixel, peak), residual)| SolvedKeypoint {
                 pixel: *pixel,
                 peak: *peak,
-                residual_px: residual.error_px.norm(),
+                residual_px: Some(residual.error_px.norm()).filter(|residual| residual.is_finite()),
                 inlier: residual.inlier,
             })
             .collect(),
+        outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
         box_in_camera: box_corners(&model.manifest.keypoints()).map(|corner| solution.pose.transform(&corner)),

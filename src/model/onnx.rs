@@ -96,13 +96,18 @@ pub(super) fn check_is_whole(bytes: &[u8]) -> Result<(), String> {
 fn check_nodes<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Result<(), String> {
     for node in nodes {
         if node.operator == "EPContext" {
-            return Err("it is compiled for a device (EPContext), which may refer to other files; export it as plain ONNX".into());
+            return Err(
+                "it is compiled for a device (EPContext), which may refer to other files; export it as plain ONNX"
+                    .into(),
+            );
         }
         for attribute in &node.attributes {
             let graphs = attribute.graph.iter().chain(&attribute.graphs);
             graphs.map(Graph::check).collect::<Result<(), _>>()?;
             let sparse = attribute.sparse_tensor.iter().chain(&attribute.sparse_tensors);
-            check_tensors(attribute.tensor.iter().chain(&attribute.tensors).chain(sparse.flat_map(SparseTensor::parts)))?;
+            check_tensors(
+                attribute.tensor.iter().chain(&attribute.tensors).chain(sparse.flat_map(SparseTensor::parts)),
+            )?;
         }
     }
     Ok(())

@@ -8,7 +8,13 @@ use super::reference::{Reference, ReferenceError, write_atomically};
 /// The references in force. Replacing one takes effect with the next image.
 pub struct References {
     folder: PathBuf,
-    by_object: RwLock<BTreeMap<String, Arc<Reference>>>,
+    by_object: RwLock<BTreeMap<String, Entry>>,
+}
+
+enum Entry {
+    InForce(Arc<Reference>),
+    /// Why it is not in force.
+    Unusable(String),
 }
 
 impl References {
@@ -17,13 +23,39 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn load(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
-        let references = Self { folder: folder.into(), by_object: RwLock::default() };
+        Self::load_or(folder, library, Err)
+    }
+
+    /// As [`References::load`], but an object whose reference belongs to another network goes without one: one object
+    /// that was trained anew does not stop the others. [`References::problem`] says why.
+    ///
+    /// # Errors
+    /// As [`References::load`], for other faults.
+    pub fn load_usable(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
+        Self::load_or(folder, library, |error| match error {
+            ReferenceError::OtherModel { object, stated, found, .. } => Ok(format!(
+                "its reference belongs to another keypoint net (sha256 {stated}; the current one has {found}); make a new \
+                 one with `posed calibrate {object}`"
+            )),
+            other => Err(other),
+        })
+    }
+
+    fn load_or(
+        folder: &Path,
+        library: &Library,
+        unusable: impl Fn(ReferenceError) -> Result<String, ReferenceError>,
+    ) -> Result<Self, ReferenceError> {
+        let mut by_object = BTreeMap::new();
         for object in library.known() {
-            if let Some(reference) = Self::read(folder, object)? {
-                references.put(reference);
-            }
+            let entry = match Self::read(folder, object) {
+                Ok(None) => continue,
+                Ok(Some(reference)) => Entry::InForce(Arc::new(reference)),
+                Err(error) => Entry::Unusable(unusable(error)?),
+            };
+            by_object.insert(object.manifest.name.clone(), entry);
         }
-        Ok(references)
+        Ok(Self { folder: folder.into(), by_object: RwLock::new(by_object) })
     }
 
     /// Reads one object's reference, if it has one.
@@ -32,7 +64,7 @@ impl References {
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn read(folder: &Path, object: &ObjectModel) -> Result<Option<Reference>, ReferenceError> {
         let path = folder.join(format!("{}.json", object.manifest.name));
-        let read = || Reference::read(&path, &object.manifest.model_sha256);
+        let read = || Reference::read(&path, &object.manifest.name, &object.manifest.model_sha256);
         path.exists().then(read).transpose()
     }
 
@@ -40,7 +72,19 @@ impl References {
     #[must_use]
     pub fn get(&self, object: &str) -> Option<Arc<Reference>> {
         // A map of whole references is valid whoever panicked beside it.
-        self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object).cloned()
+        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
+            Entry::InForce(reference) => Some(Arc::clone(reference)),
+            Entry::Unusable(_) => None,
+        }
+    }
+
+    /// Why the reference of an object is not in force.
+    #[must_use]
+    pub fn problem(&self, object: &str) -> Option<String> {
+        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
+            Entry::InForce(_) => None,
+            Entry::Unusable(problem) => Some(problem.clone()),
+        }
     }
 
     /// Writes a reference with its images, then puts it into force. Readers of the folder see the old reference or the
@@ -75,6 +119,6 @@ impl References {
 
     fn put(&self, reference: Reference) {
         let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
-        by_object.insert(reference.object.clone(), Arc::new(reference));
+        by_object.insert(reference.object.clone(), Entry::InForce(Arc::new(reference)));
     }
 }

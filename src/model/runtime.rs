@@ -1,9 +1,9 @@
 use std::path::{Path, PathBuf};
 
+use half::f16;
 use ort::environment::Environment;
 use ort::ep;
 use ort::session::Session;
-use half::f16;
 use ort::value::{DynValue, TensorRef};
 
 use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError, SizeInput};

@@ -63,7 +63,8 @@ pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Resu
         (side(from.x, width), side(from.y, height))
     };
     let inner = resize(resizer, image, (inner_width, inner_height), ResizeOptions::new())?;
-    let (left, top) = if fit == Fit::Centre { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
+    let (left, top) =
+        if fit == Fit::Centre { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
     let mut rgb = vec![fill; 3 * width as usize * height as usize];
     for (row, line) in inner.chunks_exact(3 * inner_width as usize).enumerate() {
         let start = 3 * ((row + top as usize) * width as usize + left as usize);

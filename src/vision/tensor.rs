@@ -32,7 +32,8 @@ mod tests {
     #[test]
     fn pixels_lie_where_the_network_wants_them() {
         let two_images = [0, 51, 255, 255, 52, 1, 10, 20, 30, 40, 50, 60];
-        let arranged = |planar, bgr| arrange(&two_images, 2, Arrangement { planar, bgr }, |channel, byte| (channel, byte));
+        let arranged =
+            |planar, bgr| arrange(&two_images, 2, Arrangement { planar, bgr }, |channel, byte| (channel, byte));
         let values = |planar, bgr| arranged(planar, bgr).into_iter().map(|(_, byte)| byte).collect::<Vec<_>>();
         assert_eq!(values(false, false), two_images);
         assert_eq!(values(false, true), [255, 51, 0, 1, 52, 255, 30, 20, 10, 60, 50, 40]);

@@ -130,8 +130,11 @@ fn rows_that_do_not_count_may_be_no_numbers() {
 
 #[test]
 fn a_box_that_counts_and_is_no_numbers_is_its_images_error() {
-    for row in [[NAN, 0.0, 50.0, 50.0, 0.8, 0.0], [0.0, 0.0, f32::INFINITY, 50.0, 0.8, 0.0], [0.0, 0.0, 9.0, 9.0, f32::INFINITY, 0.0]]
-    {
+    for row in [
+        [NAN, 0.0, 50.0, 50.0, 0.8, 0.0],
+        [0.0, 0.0, f32::INFINITY, 50.0, 0.8, 0.0],
+        [0.0, 0.0, 9.0, 9.0, f32::INFINITY, 0.0],
+    ] {
         let answers = estimate_all(&Manifests::default(), adding(row), &[10, CUE, 20].map(image));
         let message = answers[1].as_ref().unwrap_err().to_string();
         assert!(message.contains("is not finite"), "{message}");

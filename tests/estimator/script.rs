@@ -4,14 +4,15 @@
 
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use image::RgbImage;
 use nalgebra::{Vector2, Vector3};
 use posed::estimator::Estimator;
 use posed::model::{
-    Backend, Input, Library, Network, Output, Outputs, Provider, References, RuntimeError, SizeInput,
+    Backend, Input, Library, LoadError, Network, Output, Outputs, Provider, References, Runtime, RuntimeError,
+    SizeInput,
 };
 use posed_core::geometry::{Camera, Pose};
 use serde_json::{Value, json};
@@ -99,6 +100,12 @@ pub struct Models {
     script: Script,
 }
 
+/// ONNX Runtime: there is one for each process.
+pub fn runtime() -> &'static Runtime {
+    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::load(Provider::Cpu, 2).unwrap());
+    &RUNTIME
+}
+
 /// The files of the two networks.
 pub struct Networks<'a> {
     pub detector: &'a [u8],
@@ -134,11 +141,15 @@ pub fn write_models(folder: &Path, manifests: &Manifests, networks: &Networks<'_
 
 impl Models {
     pub fn new(manifests: &Manifests, script: Script) -> Self {
+        Self::load(manifests, script).unwrap()
+    }
+
+    pub fn load(manifests: &Manifests, script: Script) -> Result<Self, LoadError> {
         let folder = tempfile::tempdir().unwrap();
         write_models(folder.path(), manifests, &SCRIPTED);
-        let library = Arc::new(Library::load(folder.path()).unwrap());
-        let references = Arc::new(References::load(folder.path(), &library).unwrap());
-        Self { library, references, script }
+        let library = Arc::new(Library::load(folder.path())?);
+        let references = Arc::new(References::load(folder.path(), &library)?);
+        Ok(Self { library, references, script })
     }
 
     pub fn estimator(&self) -> Result<Estimator, RuntimeError> {
@@ -160,7 +171,7 @@ pub fn truth() -> Pose {
     Pose::from_quaternion_xyzw([0.3, 0.4, 0.1, 0.86], [-0.02, -0.017, 0.5]).unwrap()
 }
 
-fn corners() -> [Vector3<f64>; 8] {
+pub fn corners() -> [Vector3<f64>; 8] {
     std::array::from_fn(|k| Vector3::from_fn(|axis, _| if k >> axis & 1 == 1 { SIDE_M / 2.0 } else { -SIDE_M / 2.0 }))
 }
 
@@ -207,10 +218,14 @@ pub fn corner_pixels() -> [Vector2<f64>; 8] {
 
 /// Where the corners are in the crop of [`BOX`], pixels.
 pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
+    corner_pixels().map(in_crop)
+}
+
+/// Where a pixel of the image is in the crop of [`BOX`].
+pub fn in_crop(pixel: Vector2<f64>) -> [f64; 2] {
     let side = SCALE * BOX[2].max(BOX[3]);
     let first_edge = [0, 1].map(|axis| BOX[axis] + BOX[axis + 2] / 2.0 - side / 2.0);
-    corner_pixels()
-        .map(|pixel| [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5))
+    [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5)
 }
 
 /// What a keypoint net says of `batch` crops of [`BOX`].

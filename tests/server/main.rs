@@ -7,6 +7,7 @@ mod grpc;
 mod hostile;
 mod http;
 mod load;
+mod models;
 mod raw;
 mod recalibration;
 mod stream;

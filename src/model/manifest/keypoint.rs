@@ -159,7 +159,10 @@ impl KeypointManifest {
             return Err(("virtual_keypoints_m", "has a coordinate beyond 10 m; the unit must be metres".into()));
         }
         if lie_on_a_line(&self.keypoints()) {
-            return Err(("virtual_keypoints_m", "are all in one place or on one line; no pose follows from them".into()));
+            return Err((
+                "virtual_keypoints_m",
+                "are all in one place or on one line; no pose follows from them".into(),
+            ));
         }
         if !(0.005..=5.0).contains(&self.diameter_m) {
             let value = self.diameter_m;

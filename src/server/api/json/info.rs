@@ -28,6 +28,9 @@ pub(crate) struct ObjectReport {
     model_sha256: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     reference: Option<ReferenceReport>,
+    /// Why the reference of the object is not in use. Present if there is one that is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reference_problem: Option<String>,
 }
 
 /// The calibration of the object's frame.
@@ -140,7 +143,7 @@ impl From<&MemoryBound> for MemoryReport {
 
 impl From<KnownObject<'_>> for ObjectReport {
     fn from(object: KnownObject<'_>) -> Self {
-        let KnownObject { model, reference } = object;
+        let KnownObject { model, reference, reference_problem } = object;
         let manifest = &model.manifest;
         Self {
             name: manifest.name.clone(),
@@ -151,6 +154,7 @@ impl From<KnownObject<'_>> for ObjectReport {
             symmetric: !(manifest.symmetries_discrete.is_empty() && manifest.symmetries_continuous.is_empty()),
             model_sha256: manifest.model_sha256.clone(),
             reference: reference.as_deref().map(ReferenceReport::from),
+            reference_problem,
         }
     }
 }

@@ -109,6 +109,8 @@ pub struct SolvedReport {
     /// Number of keypoints that the pose is computed from.
     pub inliers: usize,
     pub keypoints: Vec<KeypointReport>,
+    /// Number of keypoints beyond the domain of the lens model. The pose is computed without them.
+    pub keypoints_outside_lens: usize,
     /// Posterior weight of this pose relative to the alternatives, 0..1.
     pub weight: f64,
     /// Other poses that explain the image about as well.
@@ -120,8 +122,10 @@ pub struct SolvedReport {
 pub struct KeypointReport {
     /// Position (u, v) in the posted image, pixels.
     pub pixel: [f64; 2],
-    /// Distance from the projection of the pose.
-    pub residual_px: f64,
+    /// Distance from the projection of the pose. Absent if the keypoint or the projection is beyond the domain of the lens
+    /// model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_px: Option<f64>,
     /// Probability mass around the keypoint, 0..1.
     pub peak: f64,
     /// Whether the pose is computed from this keypoint.
@@ -226,6 +230,7 @@ impl SolvedReport {
             reprojection_rmse_px: round(solved.reprojection_rmse_px),
             inliers: solved.inlier_count(),
             keypoints: solved.keypoints.iter().map(KeypointReport::from).collect(),
+            keypoints_outside_lens: solved.outside_lens,
             weight: round(solved.weight),
             alternatives: solved
                 .alternatives
@@ -240,7 +245,7 @@ impl From<&SolvedKeypoint> for KeypointReport {
     fn from(keypoint: &SolvedKeypoint) -> Self {
         Self {
             pixel: [keypoint.pixel.x, keypoint.pixel.y].map(round),
-            residual_px: round(keypoint.residual_px),
+            residual_px: keypoint.residual_px.map(round),
             peak: round(keypoint.peak),
             inlier: keypoint.inlier,
         }

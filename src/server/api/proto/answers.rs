@@ -18,6 +18,7 @@ pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
         diameter_m: manifest.diameter_m,
         keypoints: manifest.virtual_keypoints_m.len() as u32,
         model_sha256: manifest.model_sha256.clone(),
+        reference_problem: object.reference_problem.clone().unwrap_or_default(),
     }
 }
 
@@ -83,6 +84,7 @@ fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose 
         reprojection_rmse_px: solved.reprojection_rmse_px,
         inliers: solved.inlier_count() as u32,
         keypoints: solved.keypoints.iter().map(Into::into).collect(),
+        keypoints_outside_lens: solved.outside_lens as u32,
         weight: solved.weight,
         alternatives: solved
             .alternatives
