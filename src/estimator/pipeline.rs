@@ -112,13 +112,12 @@ impl Estimator {
         let named = |model: &&ObjectModel| model.manifest.name == object;
         let found = library.objects.iter().enumerate().find_map(|(index, o)| Some((index, o.as_ref().filter(named)?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
-        let region = match region {
-            Some(region) => region,
-            None => {
-                let classes = (0..library.objects.len()).map(|class| class == index).collect();
-                let wanted = Wanted { classes, least_score: 0.0 };
-                the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.detections, index)?
-            }
+        let region = if let Some(region) = region {
+            region
+        } else {
+            let classes = (0..library.objects.len()).map(|class| class == index).collect();
+            let wanted = Wanted { classes, least_score: 0.0 };
+            the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.detections, index)?
         };
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
@@ -252,12 +251,12 @@ fn locate(
         return each(crops.len(), together);
     }
     let mut rest = crops;
-    let mut alone = |of_frame: &[BoxInFrame]| {
+    let alone = |of_frame: &[BoxInFrame]| {
         let (own, others) = rest.split_at(of_frame.len());
         rest = others;
         each(own.len(), of(own))
     };
-    frames().flat_map(|of_frame| alone(of_frame)).collect()
+    frames().flat_map(alone).collect()
 }
 
 fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, MeasureError> {

@@ -102,8 +102,7 @@ fn check_nodes<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Result<(), Stri
             );
         }
         for attribute in &node.attributes {
-            let graphs = attribute.graph.iter().chain(&attribute.graphs);
-            graphs.map(Graph::check).collect::<Result<(), _>>()?;
+            attribute.graph.iter().chain(&attribute.graphs).try_for_each(Graph::check)?;
             let sparse = attribute.sparse_tensor.iter().chain(&attribute.sparse_tensors);
             check_tensors(
                 attribute.tensor.iter().chain(&attribute.tensors).chain(sparse.flat_map(SparseTensor::parts)),

@@ -32,12 +32,12 @@ impl References {
     /// # Errors
     /// As [`References::load`], for other faults.
     pub fn load_usable(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
-        Self::load_or(folder, library, |error| match error {
-            ReferenceError::OtherModel { object, stated, found, .. } => Ok(format!(
+        Self::load_or(folder, library, |error| {
+            let ReferenceError::OtherModel { object, stated, found, .. } = error else { return Err(error) };
+            Ok(format!(
                 "its reference belongs to another keypoint net (sha256 {stated}; the current one has {found}); make a new \
                  one with `posed calibrate {object}`"
-            )),
-            other => Err(other),
+            ))
         })
     }
 

@@ -4,7 +4,7 @@ use half::f16;
 use ort::environment::Environment;
 use ort::ep;
 use ort::session::Session;
-use ort::value::{DynValue, TensorRef};
+use ort::value::{DynValue, Outlet, TensorRef};
 
 use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError, SizeInput};
 use super::onnx::check_is_whole;
@@ -85,7 +85,7 @@ struct OnnxNetwork {
 
 /// The name of the input that is the image: the only one beside that for the size.
 fn image_input(session: &Session, size: Option<SizeInput<'_>>) -> Result<String, String> {
-    let names: Vec<&str> = session.inputs().iter().map(|input| input.name()).collect();
+    let names: Vec<&str> = session.inputs().iter().map(Outlet::name).collect();
     let others: Vec<&str> = names.iter().copied().filter(|name| size.is_none_or(|size| size.name != *name)).collect();
     if let Some(SizeInput { name, .. }) = size.filter(|_| others.len() == names.len()) {
         return Err(format!("it has no input {name:?} ('input.size_input'); its inputs are {names:?}"));

@@ -1,5 +1,7 @@
 //! Networks as other exporters write them, in ONNX Runtime.
 
+#![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to a network's floats, and to pixels")]
+
 use std::sync::Arc;
 
 use image::RgbImage;

@@ -1,5 +1,7 @@
 //! How networks from elsewhere want their images.
 
+#![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to a network's floats, and to pixels")]
+
 use std::sync::Arc;
 
 use half::f16;

@@ -1,5 +1,7 @@
 //! Keypoints beyond the domain of the lens model.
 
+#![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to a network's floats, and to pixels")]
+
 use std::sync::Arc;
 
 use nalgebra::Vector2;

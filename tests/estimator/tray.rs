@@ -19,7 +19,7 @@ fn seeing(boxes: &[(f32, f32)]) -> Script {
     Script { detector, ..Script::default() }
 }
 
-fn estimate(detector: serde_json::Value, boxes: &[(f32, f32)], selection: &Selection) -> Estimate {
+fn estimate(detector: &serde_json::Value, boxes: &[(f32, f32)], selection: &Selection) -> Estimate {
     let mut manifests = Manifests::default();
     manifests.detector["labels"] = json!(["block", "other"]);
     for (field, value) in detector.as_object().unwrap() {
@@ -36,7 +36,7 @@ const OTHER: (f32, f32) = (0.9, 1.0);
 
 #[test]
 fn a_full_tray_is_cut_and_the_answer_says_so() {
-    let full = |count: usize| estimate(json!({}), &vec![BLOCK; count], &Selection::ALL);
+    let full = |count: usize| estimate(&json!({}), &vec![BLOCK; count], &Selection::ALL);
     let (all, cut) = (full(MAX_DETECTIONS), full(MAX_DETECTIONS + 1));
     assert_eq!((all.poses.len(), all.truncated), (MAX_DETECTIONS, false));
     assert_eq!((cut.poses.len(), cut.truncated), (MAX_DETECTIONS, true));
@@ -48,16 +48,16 @@ fn what_is_not_asked_for_takes_no_room() {
     boxes.extend([BLOCK; 3]);
     let selection = Selection { objects: Some(vec!["block".into()]), ..Selection::ALL };
     for selection in [&selection, &Selection::ALL] {
-        let answer = estimate(json!({}), &boxes, selection);
+        let answer = estimate(&json!({}), &boxes, selection);
         assert_eq!((answer.poses.len(), answer.truncated), (3, false));
     }
     // Weak boxes neither: no pose is trusted more than its box.
     let mut boxes = vec![(0.6, 0.0); 2 * MAX_DETECTIONS];
     boxes.extend([BLOCK; 3]);
     let sure = Selection { min_confidence: 0.7, ..Selection::ALL };
-    let answer = estimate(json!({}), &boxes, &sure);
+    let answer = estimate(&json!({}), &boxes, &sure);
     assert_eq!((answer.poses.len(), answer.truncated), (3, false));
-    assert!(estimate(json!({}), &boxes, &Selection::ALL).truncated);
+    assert!(estimate(&json!({}), &boxes, &Selection::ALL).truncated);
 }
 
 /// An object that is taken for another is not found in its place only since nobody asked for the other.
@@ -85,7 +85,7 @@ fn a_detector_that_returns_no_more_boxes_is_told() {
         (json!({"max_detections": 5}), vec![OTHER, OTHER, OTHER, BLOCK], false),
         (json!({}), vec![BLOCK; 8], false),
     ] {
-        let answer = estimate(limits.clone(), &boxes, &Selection::ALL);
+        let answer = estimate(&limits, &boxes, &Selection::ALL);
         assert_eq!(answer.truncated, truncated, "{limits} {boxes:?}");
     }
 }

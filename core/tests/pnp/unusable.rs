@@ -85,7 +85,7 @@ fn pixels_outside_the_lens_take_no_part() {
 #[test]
 fn few_inliers_are_also_a_small_share() {
     let scene = Scene::new(64, 0);
-    let mut points = cube(0.08).to_vec();
+    let mut points = cube(0.08);
     points.extend((0..6).map(|k| Vector3::ith(k / 2, if k % 2 == 0 { 0.07 } else { -0.07 })));
     let mut pixels = scene.project(&points);
     for (wrong, pixel) in pixels.iter_mut().enumerate().skip(6) {

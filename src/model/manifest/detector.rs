@@ -52,7 +52,7 @@ pub enum DetectorFormat {
     End2end,
     /// Non-maximum suppression inside, as `YOLOv7` exports it: `[N, 7]` rows of image, x1, y1, x2, y2, class, score.
     Yolov7End2end,
-    /// The four outputs of TensorRT's `EfficientNMS`, in this order, whatever their names: number of boxes `[1, 1]`, boxes
+    /// The four outputs of `TensorRT`'s `EfficientNMS`, in this order, whatever their names: number of boxes `[1, 1]`, boxes
     /// `[1, N, 4]` (x1, y1, x2, y2), scores `[1, N]` and classes `[1, N]`.
     EfficientNms,
 }
