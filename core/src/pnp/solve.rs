@@ -94,7 +94,7 @@ pub fn solve(
 ) -> Result<Solution, PnpError> {
     let problem = Problem::new(points, pixels, covariances_px, camera, options.floor_px)?;
     let modes = find_modes(&problem, options.previous);
-    let mut solution = assemble(&problem, &modes, pixels, camera)?;
+    let mut solution = assemble(&problem, &modes, points, pixels, camera)?;
     judge(&mut solution, &modes, options);
     Ok(solution)
 }
@@ -219,8 +219,16 @@ fn inverse(refined: &Refined) -> Option<Covariance6> {
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-fn assemble(problem: &Problem, modes: &Modes, pixels: &[Vector2<f64>], camera: &Camera) -> Result<Solution, PnpError> {
-    let best = modes.best().ok_or(PnpError::NoPose)?;
+fn assemble(
+    problem: &Problem,
+    modes: &Modes,
+    points: &[Vector3<f64>],
+    pixels: &[Vector2<f64>],
+    camera: &Camera,
+) -> Result<Solution, PnpError> {
+    // Also those points that took no part: nobody stands inside the object.
+    let in_front = |mode: &&Mode| points.iter().all(|point| mode.pose.transform(point).z > 0.0);
+    let best = modes.best().filter(in_front).ok_or(PnpError::NoPose)?;
     let mut residuals = [Residual::OUTSIDE; MAX_POINTS];
     let mut chi2 = 0.0;
     let mut inliers = 0_usize;
