@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use image::RgbImage;
-use posed::estimator::{Estimate, Estimator};
+use posed::estimator::{Estimate, Estimator, Frame, Reason};
 use posed::model::{Library, References};
 use posed_core::pnp::Status;
 use serde_json::json;
@@ -34,8 +34,12 @@ fn corners() -> [f32; 4] {
 }
 
 fn start(manifests: &Manifests, detector: Graph) -> Result<Estimator, String> {
+    start_with(manifests, detector, keypoints())
+}
+
+fn start_with(manifests: &Manifests, detector: Graph, keypoints: Graph) -> Result<Estimator, String> {
     let folder = tempfile::tempdir().unwrap();
-    write_models(folder.path(), manifests, &Networks { detector: &detector.file(), keypoints: &keypoints().file() });
+    write_models(folder.path(), manifests, &Networks { detector: &detector.file(), keypoints: &keypoints.file() });
     let library = Arc::new(Library::load(folder.path()).map_err(|error| error.to_string())?);
     let references = Arc::new(References::load(folder.path(), &library).unwrap());
     let mut estimator = Estimator::new(library, references, runtime()).map_err(|error| error.to_string())?;
@@ -51,6 +55,35 @@ fn assert_right(answer: &Estimate) {
     let apart = [region.x - x, region.y - y, region.width - width, region.height - height];
     assert!(apart.iter().all(|difference| difference.abs() < 0.1), "{region:?}");
     assert!(found.pose.as_ref().unwrap().camera_from_object.angle_to(&truth()) < 1e-3);
+}
+
+/// As a network that overflows on some crops: one that shows nothing but black gets no numbers.
+#[test]
+fn a_crop_without_numbers_is_its_own_images_matter() {
+    let (side, [x1, y1, x2, y2]) = (i64::from(CROP), corners());
+    let pixels: Vec<f32> = keypoints_in_crop().as_flattened().iter().map(|v| *v as f32).collect();
+    let net = Graph::default()
+        .input("image", Element::Uint8, &[1, side, side, 3])
+        .constant(Tensor::floats("right", &[1, 8, 2], &pixels))
+        .constant(Tensor::floats("zero", &[], &[0.0]))
+        .node(Node::cast("image", "floats", Element::Float))
+        .node(Node::new("ReduceMax", &["floats"], "brightest").with(Attribute::integer("keepdims", 0)))
+        .node(Node::new("Div", &["zero", "brightest"], "zero_or_none"))
+        .node(Node::new("Add", &["right", "zero_or_none"], "keypoints"))
+        .output("keypoints", Element::Float)
+        .answer(Tensor::floats("peaks", &[1, 8], &[0.9; 8]))
+        .answer(Tensor::floats("covariances", &[1, 8, 2, 2], &[0.1, 0.0, 0.0, 0.1].repeat(8)));
+    let detector = Graph::default()
+        .input("images", Element::Uint8, &[1, i64::from(HEIGHT), i64::from(WIDTH), 3])
+        .answer(Tensor::floats("detections", &[1, 1, 6], &[x1, y1, x2, y2, 0.9, 0.0]));
+    let mut estimator = start_with(&Manifests::default(), detector, net).unwrap();
+    let (images, camera) = ([50, 0, 60].map(image), camera());
+    let frames: Vec<Frame<'_>> = images.iter().map(|image| Frame::new(image, &camera)).collect();
+    let answers = estimator.estimate_all(&frames);
+    assert_right(answers[0].as_ref().unwrap());
+    assert_right(answers[2].as_ref().unwrap());
+    let [black] = &answers[1].as_ref().unwrap().poses[..] else { panic!("one box, one answer") };
+    assert!(black.pose.is_none() && black.verdict.reasons.contains(Reason::NotFinite));
 }
 
 /// In 16-bit floats both ways; the score is the largest value of the input, which is white.
