@@ -12,7 +12,7 @@ use posed::estimator::{
 };
 use posed::model::{ModelsInUse, Provider};
 use posed::server::api::json::{Report, ReportContext};
-use posed::vision::{BoundingBox, DecodeOptions, Exif, Image, Letterbox, Square, crop_squares, decode, letterbox};
+use posed::vision::{BoundingBox, DecodeOptions, Exif, Fit, Image, Letterbox, Square, crop_squares, decode, letterbox};
 use posed_core::geometry::{Camera, Covariance6, Pose};
 use posed_core::pnp::{Options, solve};
 
@@ -26,7 +26,7 @@ fn stages(criterion: &mut Criterion) {
     let region = BoundingBox { x: 200.0, y: 150.0, width: 110.0, height: 90.0 };
 
     criterion.bench_function("decode the JPEG", |b| b.iter(|| decode(black_box(&encoded), &DecodeOptions::default())));
-    let to = Letterbox { width: 320, height: 256, fill: 114, centred: false };
+    let to = Letterbox { width: 320, height: 256, fill: 114, fit: Fit::TopLeft };
     criterion.bench_function("letterbox for the detector", |b| {
         b.iter(|| letterbox(&mut resizer, black_box(&image), to));
     });
@@ -77,7 +77,11 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
             covariance: Covariance6::identity(),
             image_covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,
-            keypoints: vec![SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: 1.0, inlier: true }; 8],
+            keypoints: vec![
+                SolvedKeypoint { pixel: Vector2::zeros(), peak: 0.9, residual_px: Some(1.0), inlier: true };
+                8
+            ],
+            outside_lens: 0,
             alternatives: Vec::new(),
             weight: 1.0,
             box_in_camera: [Vector3::zeros(); 8],
@@ -90,6 +94,7 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         poses: vec![found; 4],
         camera: camera.clone(),
         camera_scaled_from: None,
+        truncated: false,
         timings: Timings::default(),
     };
     Answer {

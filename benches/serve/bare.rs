@@ -54,7 +54,7 @@ impl BareLoop {
         self.networks.detector.run(Input::Bytes { shape: *shape, values }).unwrap();
         for (index, shape, values) in &self.keypoints {
             let network = self.networks.keypoints[*index].as_mut().unwrap();
-            network.run(Input::Bytes { shape: *shape, values }).unwrap();
+            network.network.run(Input::Bytes { shape: *shape, values }).unwrap();
         }
         start.elapsed().as_secs_f64() * 1e3
     }

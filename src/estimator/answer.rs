@@ -103,6 +103,15 @@ pub struct KeypointPrediction {
     pub peaks: Vec<f64>,
 }
 
+impl KeypointPrediction {
+    /// Whether all of it are numbers that a pose may be solved from.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let pixels = self.pixels.iter().flatten().chain(self.covariances.iter().flatten());
+        pixels.chain(&self.peaks).all(|value| value.is_finite())
+    }
+}
+
 /// One detected object with its pose.
 #[derive(Clone, Debug)]
 pub struct ObjectPose {
@@ -138,6 +147,8 @@ pub struct SolvedPose {
     pub image_covariance: Covariance6,
     pub reprojection_rmse_px: f64,
     pub keypoints: Vec<SolvedKeypoint>,
+    /// How many of the keypoints lie beyond the domain of the lens model, and took no part.
+    pub outside_lens: usize,
     /// Other poses with their posterior weights.
     pub alternatives: Vec<(Pose, f64)>,
     /// Posterior weight of this pose among the alternatives.
@@ -175,8 +186,8 @@ pub struct SolvedKeypoint {
     pub pixel: Vector2<f64>,
     /// Probability mass about it, 0..1.
     pub peak: f64,
-    /// Distance from the pose's projection, pixels.
-    pub residual_px: f64,
+    /// Distance from the pose's projection, pixels. `None` beyond the domain of the lens model.
+    pub residual_px: Option<f64>,
     pub inlier: bool,
 }
 
@@ -198,6 +209,11 @@ pub struct Estimate {
     pub camera: Camera,
     /// The size that the camera was calibrated for, where it was scaled.
     pub camera_scaled_from: Option<(u32, u32)>,
+    /// Whether objects may be missing, since there were as many detections as a limit allows: [`MAX_DETECTIONS`], or one of
+    /// the detector itself.
+    ///
+    /// [`MAX_DETECTIONS`]: super::MAX_DETECTIONS
+    pub truncated: bool,
     pub timings: Timings,
 }
 

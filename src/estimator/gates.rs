@@ -41,6 +41,11 @@ pub(super) fn object_pose(
         pose,
         diameter_m: manifest.diameter_m,
     };
+    if !prediction.is_finite() {
+        let mut verdict = Verdict::default();
+        verdict.object(Reason::NotFinite, Status::Rejected);
+        return answer(verdict, None);
+    }
     let Ok(solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
@@ -91,10 +96,11 @@ fn solved_pose(
             .map(|((pixel, peak), residual)| SolvedKeypoint {
                 pixel: *pixel,
                 peak: *peak,
-                residual_px: residual.error_px.norm(),
+                residual_px: Some(residual.error_px.norm()).filter(|residual| residual.is_finite()),
                 inlier: residual.inlier,
             })
             .collect(),
+        outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
         box_in_camera: box_corners(&model.manifest.keypoints()).map(|corner| solution.pose.transform(&corner)),

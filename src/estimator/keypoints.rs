@@ -7,10 +7,11 @@ use image::RgbImage;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::answer::{EstimateError, KeypointPrediction};
+use super::feed;
 use crate::model::{
-    CropVariant, ElementType, Input, KeypointManifest, KeypointOutput, Network, Outputs, RuntimeError, SecondLook,
+    CropVariant, KeypointManifest, KeypointNet, KeypointOutput, Network, Outputs, RuntimeError, SecondLook,
 };
-use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_squares, find_peak, to_planes};
+use crate::vision::{BoundingBox, ResampleError, Resampled, Square, crop_squares, find_peak};
 use posed_core::geometry::{Affine, Camera};
 use posed_core::pnp::{self, PnpError, Solution};
 
@@ -68,7 +69,7 @@ fn cut_all<'a>(
 /// Runs a network on as many crops as it ever gets at once, and on those of one box.
 pub(super) fn warm_up(
     manifest: &KeypointManifest,
-    network: &mut dyn Network,
+    network: &mut KeypointNet,
     resizer: &mut Resizer,
     image: &RgbImage,
     region: BoundingBox,
@@ -85,7 +86,7 @@ pub(super) fn warm_up(
 /// The keypoints within many boxes, in a few runs of the network: `crops` are their first look, [`cut`].
 pub(super) fn locate(
     manifest: &KeypointManifest,
-    network: &mut dyn Network,
+    network: &mut KeypointNet,
     resizer: &mut Resizer,
     crops: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, EstimateError> {
@@ -138,7 +139,7 @@ fn elsewhere(next: &Square, place: &Square) -> bool {
 /// The keypoints of many boxes by their crops.
 fn predict(
     manifest: &KeypointManifest,
-    network: &mut dyn Network,
+    network: &mut KeypointNet,
     boxes: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, RuntimeError> {
     let crops: Vec<&Resampled> = boxes.iter().flat_map(|of_box| &of_box.resampled).collect();
@@ -155,28 +156,49 @@ fn predict(
     let next = |crops: &Crops<'_>| {
         let (of_box, others) = rest.split_at(crops.resampled.len());
         rest = others;
-        average(&largest_agreement(of_box, MAX_DISAGREEMENT * crops.place.side))
+        // A crop with values that are no numbers is nobody's company.
+        let sound: Vec<&KeypointPrediction> = of_box.iter().filter(|crop| crop.is_finite()).collect();
+        match &sound[..] {
+            [] => of_box[0].clone(),
+            sound => average(&largest_agreement(sound, MAX_DISAGREEMENT * crops.place.side)),
+        }
     };
     Ok(boxes.iter().map(next).collect())
 }
 
 /// What the network says of each crop, in crop pixels and with its own covariances. `rgb` holds the crops, one after
-/// another.
+/// another. A network that fails on several but on none of them alone gets them one at a time from then on.
 pub(super) fn raw_keypoints(
+    manifest: &KeypointManifest,
+    net: &mut KeypointNet,
+    rgb: &[u8],
+    crops: usize,
+) -> Result<Vec<KeypointPrediction>, RuntimeError> {
+    let several = if crops == 1 || !net.one_by_one {
+        match keypoints_of(manifest, net.network.as_mut(), rgb, crops) {
+            Err(error) if crops > 1 => Some(error),
+            result => return result,
+        }
+    } else {
+        None
+    };
+    let one = |crop: &[u8]| keypoints_of(manifest, net.network.as_mut(), crop, 1);
+    let found = rgb.chunks_exact(rgb.len() / crops).map(one).collect::<Result<Vec<_>, _>>()?;
+    if let Some(error) = several {
+        tracing::warn!(%error, "the keypoint net of {} takes one crop at a time", manifest.name);
+        net.one_by_one = true;
+    }
+    Ok(found.concat())
+}
+
+fn keypoints_of(
     manifest: &KeypointManifest,
     network: &mut dyn Network,
     rgb: &[u8],
     crops: usize,
 ) -> Result<Vec<KeypointPrediction>, RuntimeError> {
     let side = manifest.input.size as usize;
-    let outputs = match manifest.input.dtype {
-        ElementType::Uint8 => network.run(Input::Bytes { shape: [crops, side, side, 3], values: rgb })?,
-        ElementType::Float32 => {
-            let normalisation = manifest.input.normalisation();
-            let planes = to_planes(rgb, side * side, normalisation.mean, normalisation.std);
-            network.run(Input::Floats { shape: [crops, 3, side, side], values: &planes })?
-        }
-    };
+    let outputs = feed::run(network, &manifest.input.pixels(), rgb, [side, side])?;
     match manifest.output {
         KeypointOutput::Keypoints => decoded(manifest, &outputs, crops),
         KeypointOutput::Heatmaps => from_heatmaps(manifest, &outputs, crops),
@@ -250,14 +272,12 @@ fn in_image(image_from_crop: &Affine, mut raw: KeypointPrediction, covariance_sc
 }
 
 /// Those crops whose keypoints lie about where those of some crop do: of the crop with most company, the first of them.
-fn largest_agreement(of_crops: &[KeypointPrediction], within: f64) -> Vec<&KeypointPrediction> {
-    // Not "within": a crop whose keypoints are not numbers keeps its own company, and the solver will say what it is.
-    let differ = |a: &KeypointPrediction, b: &KeypointPrediction| mean_distance(a, b) > within;
+fn largest_agreement<'a>(of_crops: &[&'a KeypointPrediction], within: f64) -> Vec<&'a KeypointPrediction> {
     let company = |crop: &KeypointPrediction| -> Vec<&KeypointPrediction> {
-        of_crops.iter().filter(|other| !differ(crop, other)).collect()
+        of_crops.iter().filter(|other| mean_distance(crop, other) <= within).copied().collect()
     };
     let mut largest = Vec::new();
-    for candidate in of_crops.iter().map(company) {
+    for candidate in of_crops.iter().map(|crop| company(crop)) {
         if candidate.len() > largest.len() {
             largest = candidate;
         }
@@ -303,7 +323,7 @@ pub(super) fn solve(
 /// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
 pub(super) fn solve_within(
     manifest: &KeypointManifest,
-    network: &mut dyn Network,
+    network: &mut KeypointNet,
     resizer: &mut Resizer,
     image: &RgbImage,
     region: &BoundingBox,
@@ -317,7 +337,7 @@ pub(super) fn solve_within(
 /// The keypoints within one box of an image.
 pub(super) fn locate_within(
     manifest: &KeypointManifest,
-    network: &mut dyn Network,
+    network: &mut KeypointNet,
     resizer: &mut Resizer,
     image: &RgbImage,
     region: &BoundingBox,

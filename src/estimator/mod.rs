@@ -5,6 +5,7 @@ mod answer;
 mod calibrate;
 mod detect;
 mod doubts;
+mod feed;
 mod footprint;
 mod gates;
 mod job;
@@ -15,6 +16,7 @@ mod picture;
 mod pipeline;
 mod prepare;
 mod queue;
+mod rows;
 mod solver;
 mod stated_pose;
 mod stats;
@@ -28,6 +30,7 @@ pub use answer::{
     Selection, SolvedKeypoint, SolvedPose, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
+pub use detect::MAX_DETECTIONS;
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};

@@ -57,7 +57,7 @@ impl Parity {
             return Err(ParityError::Shape { path, width, height, expected, size });
         }
         let mut network = object.network(backend)?;
-        let found = raw_keypoints(&object.manifest, network.as_mut(), crops.as_raw(), expected)?;
+        let found = raw_keypoints(&object.manifest, &mut network, crops.as_raw(), expected)?;
         let pairs = found.iter().zip(&file.keypoints_px).flat_map(|(found, wanted)| found.pixels.iter().zip(wanted));
         let worst_px = pairs.map(|(found, wanted)| (found - Vector2::from(*wanted)).amax()).fold(0.0, f64::max);
         Ok(Some(Self { worst_px, tolerance_px: file.tolerance_px }))

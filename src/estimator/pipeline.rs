@@ -4,13 +4,15 @@ use std::time::Instant;
 use fast_image_resize::Resizer;
 use image::RgbImage;
 
-use super::answer::{Abandoned, Detection, Estimate, EstimateError, MeasureError, ObjectPose, Selection, Timings};
-use super::detect::detect;
+use super::answer::{
+    Abandoned, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection, Timings,
+};
+use super::detect::{Seen, Wanted, detect};
 use super::doubts;
 use super::gates::object_pose;
 use super::keypoints::{self, Crops};
 use super::watchdog::Activity;
-use crate::model::{Backend, Library, Networks, ObjectModel, References, RuntimeError};
+use crate::model::{Backend, KeypointNet, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
@@ -48,6 +50,7 @@ pub struct Estimator {
 struct Progress {
     camera: Camera,
     detections: Vec<Detection>,
+    truncated: bool,
     poses: Vec<ObjectPose>,
     timings: Timings,
 }
@@ -85,7 +88,7 @@ impl Estimator {
     /// frame's failure is its own.
     pub fn estimate_all(&mut self, frames: &[Frame<'_>]) -> Vec<Result<Estimate, EstimateError>> {
         let mut progress: Vec<Result<Progress, EstimateError>> =
-            frames.iter().map(|frame| self.look_for_objects(frame)).collect();
+            frames.iter().map(|frame| self.look_for_objects(frame, &self.wanted(frame.selection))).collect();
         let library = Arc::clone(&self.library);
         for (index, model) in library.objects.iter().enumerate() {
             let Some(model) = model else { continue };
@@ -117,13 +120,16 @@ impl Estimator {
         let region = match region {
             Some(region) if region.overlaps(image.width(), image.height()) => region,
             Some(region) => return Err(MeasureError::BoxOutside(region.into())),
-            None => the_only_box(&self.look_for_objects(&Frame::new(image, camera))?.detections, index)?,
+            None => {
+                let classes = (0..library.objects.len()).map(|class| class == index).collect();
+                let wanted = Wanted { classes, least_score: 0.0 };
+                the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.detections, index)?
+            }
         };
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
         self.activity.runs(&of_object(object));
-        let solved =
-            keypoints::solve_within(&model.manifest, network.as_mut(), &mut self.resizer, image, &region, camera)?;
+        let solved = keypoints::solve_within(&model.manifest, network, &mut self.resizer, image, &region, camera)?;
         Ok((region, solved?))
     }
 
@@ -135,16 +141,30 @@ impl Estimator {
     pub fn warm_up(&mut self) -> Result<(), EstimateError> {
         let image = RgbImage::from_pixel(640, 480, image::Rgb([114; 3]));
         let region = BoundingBox { x: 256.0, y: 176.0, width: 128.0, height: 128.0 };
-        detect(&self.library.detector.manifest, self.networks.detector.as_mut(), &mut self.resizer, &image)?;
+        let wanted = Wanted { classes: Vec::new(), least_score: 0.0 };
+        detect(&self.library.detector.manifest, self.networks.detector.as_mut(), &mut self.resizer, &image, &wanted)?;
         for (model, network) in self.library.objects.iter().zip(&mut self.networks.keypoints) {
             if let (Some(model), Some(network)) = (model, network) {
-                keypoints::warm_up(&model.manifest, network.as_mut(), &mut self.resizer, &image, region)?;
+                keypoints::warm_up(&model.manifest, network, &mut self.resizer, &image, region)?;
             }
         }
         Ok(())
     }
 
-    fn look_for_objects(&mut self, frame: &Frame<'_>) -> Result<Progress, EstimateError> {
+    /// Of the calibrated objects those that are selected.
+    fn wanted(&self, selection: &Selection) -> Wanted {
+        let wanted = |model: &Option<ObjectModel>| {
+            let name = model.as_ref().map(|model| model.manifest.name.as_str());
+            name.is_some_and(|name| selection.wants(name) && self.references.get(name).is_some())
+        };
+        Wanted {
+            classes: self.library.objects.iter().map(wanted).collect(),
+            // No pose is trusted more than its detection.
+            least_score: selection.min_confidence,
+        }
+    }
+
+    fn look_for_objects(&mut self, frame: &Frame<'_>, wanted: &Wanted) -> Result<Progress, EstimateError> {
         (frame.abandoned)()?;
         let (width, height) = frame.image.dimensions();
         let camera = if frame.selection.allow_resize {
@@ -154,11 +174,10 @@ impl Estimator {
         };
         let manifest = &self.library.detector.manifest;
         self.activity.runs("the detector");
-        let (mut detections, elapsed) =
-            detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image)?;
-        detections.retain(|d| manifest.labels[d.object].as_ref().is_some_and(|name| frame.selection.wants(name)));
+        let Seen { detections, truncated, elapsed } =
+            detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image, wanted)?;
         let timings = Timings { detect: elapsed, ..Timings::default() };
-        Ok(Progress { camera, detections, poses: Vec::new(), timings })
+        Ok(Progress { camera, detections, truncated, poses: Vec::new(), timings })
     }
 
     /// One object's keypoints and poses in all frames.
@@ -174,26 +193,23 @@ impl Estimator {
         let (wanted, crops) = self.cut_crops(index, model, frames, progress);
         let Some(network) = self.networks.keypoints[index].as_mut().filter(|_| !wanted.is_empty()) else { return };
         self.activity.runs(&of_object(&model.manifest.name));
-        let located = keypoints::locate(&model.manifest, network.as_mut(), &mut self.resizer, &crops);
-        let predictions = match located {
-            Ok(predictions) => predictions,
-            Err(error) => {
-                // Only the frames that show this object are answered with its network's failure.
-                for BoxInFrame { frame, .. } in wanted {
-                    progress[frame] = Err(error.clone());
-                }
-                return;
-            }
-        };
+        let predictions = locate(model, network, &mut self.resizer, &wanted, &crops);
         let elapsed = start.elapsed();
         let mut timed = None;
-        for (BoxInFrame { frame, detection }, prediction) in wanted.into_iter().zip(&predictions) {
+        for (BoxInFrame { frame, detection }, prediction) in wanted.into_iter().zip(predictions) {
+            let prediction = match prediction {
+                Ok(prediction) => prediction,
+                Err(error) => {
+                    progress[frame] = Err(error);
+                    continue;
+                }
+            };
             let Ok(progress) = &mut progress[frame] else { continue };
             if timed.replace(frame) != Some(frame) {
                 progress.timings.keypoints += elapsed;
             }
             let start = Instant::now();
-            progress.poses.push(object_pose(model, offset, detection, prediction, &progress.camera));
+            progress.poses.push(object_pose(model, offset, detection, &prediction, &progress.camera));
             progress.timings.pnp += start.elapsed();
         }
     }
@@ -235,6 +251,34 @@ fn of_object(name: &str) -> String {
     format!("the keypoint net of object {name}")
 }
 
+/// The keypoints within boxes, of all frames together. Where that fails, of each frame alone: what fails then is that
+/// frame's own failure.
+fn locate(
+    model: &ObjectModel,
+    network: &mut KeypointNet,
+    resizer: &mut Resizer,
+    boxes: &[BoxInFrame],
+    crops: &[Crops<'_>],
+) -> Vec<Result<KeypointPrediction, EstimateError>> {
+    let mut of = |crops: &[Crops<'_>]| keypoints::locate(&model.manifest, network, resizer, crops);
+    let each = |count: usize, result: Result<Vec<_>, EstimateError>| match result {
+        Ok(found) => found.into_iter().map(Ok).collect(),
+        Err(error) => vec![Err(error); count],
+    };
+    let together = of(crops);
+    let frames = || boxes.chunk_by(|a, b| a.frame == b.frame);
+    if together.is_ok() || frames().count() == 1 {
+        return each(crops.len(), together);
+    }
+    let mut rest = crops;
+    let alone = |of_frame: &[BoxInFrame]| {
+        let (own, others) = rest.split_at(of_frame.len());
+        rest = others;
+        each(own.len(), of(own))
+    };
+    frames().flat_map(alone).collect()
+}
+
 fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, MeasureError> {
     let mut boxes = detections.iter().filter(|d| d.object == object).map(|d| d.bounding_box);
     match (boxes.next(), boxes.next()) {
@@ -247,7 +291,7 @@ fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, 
 impl Progress {
     /// The poses that were asked for, the most trusted first.
     fn finish(self, frame: &Frame<'_>) -> Estimate {
-        let Self { camera, mut poses, timings, .. } = self;
+        let Self { camera, mut poses, truncated, timings, .. } = self;
         if !poses.is_empty() {
             for doubt in doubts::of_image(frame.image, &camera) {
                 for pose in &mut poses {
@@ -271,6 +315,6 @@ impl Progress {
         }
         let (width, height) = frame.image.dimensions();
         let camera_scaled_from = frame.camera.size().filter(|size| *size != (width, height));
-        Estimate { width, height, poses, camera, camera_scaled_from, timings }
+        Estimate { width, height, poses, camera, camera_scaled_from, truncated, timings }
     }
 }

@@ -4,7 +4,7 @@ use image::RgbImage;
 use super::answer::{Detection, EstimateError, ObjectPose};
 use super::gates::object_pose;
 use super::keypoints::{locate_within, solve_within};
-use crate::model::{Backend, Network, ObjectModel, RuntimeError};
+use crate::model::{Backend, KeypointNet, ObjectModel, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
@@ -13,7 +13,7 @@ use posed_core::pnp::{PnpError, Solution};
 /// One object's keypoint net on its own: for calibration and evaluation with known boxes.
 pub struct KeypointSolver<'a> {
     model: &'a ObjectModel,
-    network: Box<dyn Network>,
+    network: KeypointNet,
     resizer: Resizer,
 }
 
@@ -34,7 +34,7 @@ impl<'a> KeypointSolver<'a> {
         region: &BoundingBox,
         camera: &Camera,
     ) -> Result<Result<Solution, PnpError>, EstimateError> {
-        solve_within(&self.model.manifest, self.network.as_mut(), &mut self.resizer, image, region, camera)
+        solve_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region, camera)
     }
 
     /// The object's pose within one box, judged as if a detector had seen it there with certainty.
@@ -49,7 +49,7 @@ impl<'a> KeypointSolver<'a> {
         offset: &Offset,
     ) -> Result<ObjectPose, EstimateError> {
         let camera = camera.for_image(image.width(), image.height())?;
-        let found = locate_within(&self.model.manifest, self.network.as_mut(), &mut self.resizer, image, region)?;
+        let found = locate_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region)?;
         let detection = Detection { object: 0, bounding_box: *region, score: 1.0 };
         Ok(object_pose(self.model, offset, detection, &found, &camera))
     }

@@ -27,6 +27,8 @@ pub enum Reason {
     GreyImage,
     /// The image is nearly black.
     DarkImage,
+    /// The network returned values that are not finite numbers.
+    NotFinite,
 }
 
 impl std::fmt::Display for Reason {
@@ -43,12 +45,13 @@ impl std::fmt::Display for Reason {
             Self::CameraSuspect => "camera_suspect",
             Self::GreyImage => "grey_image",
             Self::DarkImage => "dark_image",
+            Self::NotFinite => "not_finite",
         })
     }
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 11] = [
+const REASONS: [Reason; 12] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
@@ -60,6 +63,7 @@ const REASONS: [Reason; 11] = [
     Reason::GreyImage,
     Reason::DarkImage,
     Reason::NoPose,
+    Reason::NotFinite,
 ];
 
 /// The reasons for a status: a set.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::manifest::{DetectorManifest, KeypointManifest, ManifestError, read_model};
-use super::network::{Backend, Network, RuntimeError};
+use super::network::{Backend, KeypointNet, Network, RuntimeError, SizeInput};
 use super::provider::Provider;
 use super::reference::ReferenceError;
 use posed_core::geometry::{Symmetries, SymmetryError};
@@ -116,7 +116,9 @@ impl DetectorModel {
     /// # Errors
     /// When it cannot be run.
     pub fn network(&self, backend: &dyn Backend) -> Result<Box<dyn Network>, RuntimeError> {
-        backend.load(&self.name, &self.bytes)
+        let input = &self.manifest.input;
+        let size = |name| SizeInput { name, width: input.width, height: input.height };
+        backend.load(&self.name, &self.bytes, input.size_input.as_deref().map(size))
     }
 }
 
@@ -144,7 +146,7 @@ impl ObjectModel {
     ///
     /// # Errors
     /// When it cannot be run.
-    pub fn network(&self, backend: &dyn Backend) -> Result<Box<dyn Network>, RuntimeError> {
-        backend.load(&self.name, &self.bytes)
+    pub fn network(&self, backend: &dyn Backend) -> Result<KeypointNet, RuntimeError> {
+        backend.load(&self.name, &self.bytes, None).map(KeypointNet::new)
     }
 }

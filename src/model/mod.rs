@@ -4,6 +4,7 @@ mod library;
 mod manifest;
 mod network;
 mod networks;
+mod onnx;
 mod provider;
 mod reference;
 mod references;
@@ -11,11 +12,11 @@ mod runtime;
 
 pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
 pub use manifest::{
-    CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput, KeypointManifest,
-    KeypointOutput, Layout, ManifestError, Normalisation, Placement, SecondLook,
+    Channels, Coordinates, CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput,
+    KeypointManifest, KeypointOutput, Layout, ManifestError, PixelFormat, Placement, SecondLook,
 };
 pub(crate) use manifest::{read_json, read_regular};
-pub use network::{Backend, Input, Network, Output, Outputs, RuntimeError};
+pub use network::{Backend, Input, KeypointNet, Network, Output, Outputs, RuntimeError, SizeInput};
 pub use networks::Networks;
 pub use provider::Provider;
 pub(crate) use reference::write_atomically;

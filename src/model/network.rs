@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use half::f16;
 use thiserror::Error;
 
 use super::provider::Provider;
@@ -24,16 +25,23 @@ pub enum RuntimeError {
     Output { name: String, output: String, problem: String },
 }
 
-/// A batch of images.
+/// A batch of images: `[batch, height, width, 3]` or `[batch, 3, height, width]`.
 #[derive(Clone, Copy, Debug)]
 pub enum Input<'a> {
-    /// `[batch, height, width, 3]`.
     Bytes { shape: [usize; 4], values: &'a [u8] },
-    /// `[batch, 3, height, width]`.
     Floats { shape: [usize; 4], values: &'a [f32] },
+    Halves { shape: [usize; 4], values: &'a [f16] },
 }
 
-/// A tensor that a network returned. All values are finite.
+/// An input beside the image that is given the image's size: 64-bit integers `[1, 2]`.
+#[derive(Clone, Copy, Debug)]
+pub struct SizeInput<'a> {
+    pub name: &'a str,
+    pub width: u32,
+    pub height: u32,
+}
+
+/// A tensor of numbers that a network returned. They need not be finite: one bad value is the matter of who uses it.
 #[derive(Clone, Debug)]
 pub struct Output {
     pub name: String,
@@ -46,6 +54,8 @@ pub struct Output {
 pub struct Outputs {
     pub network: String,
     pub tensors: Vec<Output>,
+    /// Names of outputs that are no tensors of numbers. Nobody minds them unless they are needed.
+    pub others: Vec<String>,
 }
 
 impl Outputs {
@@ -54,15 +64,25 @@ impl Outputs {
     /// # Errors
     /// When there is none.
     pub fn named(&self, name: &str) -> Result<&Output, RuntimeError> {
-        self.tensors.iter().find(|output| output.name == name).ok_or_else(|| self.error(name, "is missing".into()))
+        let found = self.tensors.iter().find(|output| output.name == name);
+        found.ok_or_else(|| {
+            let other = self.others.iter().any(|other| other == name);
+            self.error(name, if other { "is no tensor of numbers" } else { "is missing" }.into())
+        })
     }
 
-    /// The only output, whatever its name.
+    /// The first output, whatever its name: the only one of most networks.
     ///
     /// # Errors
     /// When there is none.
     pub fn first(&self) -> Result<&Output, RuntimeError> {
-        self.tensors.first().ok_or_else(|| self.error("0", "is missing".into()))
+        self.tensors.first().ok_or_else(|| self.error("0", "is missing, or no tensor of numbers".into()))
+    }
+
+    /// An error about what the network says.
+    #[must_use]
+    pub fn failed(&self, reason: String) -> RuntimeError {
+        RuntimeError::Run { name: self.network.clone(), reason }
     }
 
     /// An error about an output.
@@ -75,17 +95,31 @@ impl Outputs {
 /// A loaded network. It keeps no state from one run to the next.
 pub trait Network: Send {
     /// # Errors
-    /// When the network fails or returns a value that is not finite.
+    /// When the network fails.
     fn run(&mut self, input: Input<'_>) -> Result<Outputs, RuntimeError>;
+}
+
+/// A keypoint net, and whether it takes its crops one at a time. Some exporters fix the batch axis at 1; that shows when
+/// several crops fail together and not alone.
+pub struct KeypointNet {
+    pub network: Box<dyn Network>,
+    pub one_by_one: bool,
+}
+
+impl KeypointNet {
+    #[must_use]
+    pub fn new(network: Box<dyn Network>) -> Self {
+        Self { network, one_by_one: false }
+    }
 }
 
 /// What turns the bytes of a model file into a network.
 pub trait Backend: Send + Sync {
-    /// Loads a network. `name` appears in error messages.
+    /// Loads a network. `name` appears in error messages. `size` is its input beside the image, if it has one.
     ///
     /// # Errors
     /// When the bytes are not a network that can be run.
-    fn load(&self, name: &str, bytes: &[u8]) -> Result<Box<dyn Network>, RuntimeError>;
+    fn load(&self, name: &str, bytes: &[u8], size: Option<SizeInput<'_>>) -> Result<Box<dyn Network>, RuntimeError>;
 
     /// What the networks run on.
     fn provider(&self) -> Provider;

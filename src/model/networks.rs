@@ -1,11 +1,11 @@
 use super::library::Library;
-use super::network::{Backend, Network, RuntimeError};
+use super::network::{Backend, KeypointNet, Network, RuntimeError};
 
 /// One worker's networks.
 pub struct Networks {
     pub detector: Box<dyn Network>,
     /// One entry for each of the library's objects.
-    pub keypoints: Vec<Option<Box<dyn Network>>>,
+    pub keypoints: Vec<Option<KeypointNet>>,
 }
 
 impl Networks {

@@ -22,6 +22,12 @@ pub enum ReferenceError {
         path.display()
     )]
     OtherModel { path: PathBuf, object: String, stated: String, found: String },
+    #[error(
+        "{}: the reference is for object {stated:?}, but its file is named after {object:?}; rename the file, or make a \
+         reference with `posed calibrate {object}`",
+        path.display()
+    )]
+    OtherObject { path: PathBuf, object: String, stated: String },
     #[error("cannot write {}: {source}; the server needs write access to the folder of references", path.display())]
     Write { path: PathBuf, source: std::io::Error },
 }
@@ -110,18 +116,26 @@ impl Method {
 }
 
 impl Reference {
-    /// Reads a reference and checks that it belongs to the keypoint model with this hash.
+    /// Reads a reference and checks that it belongs to this object and to the keypoint model with this hash.
     ///
     /// # Errors
     /// [`ReferenceError`] names the file and the field, or says how to recalibrate.
-    pub fn read(path: &Path, keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
-        Self::parse(path, &read_bytes(path, MAX_JSON_BYTES)?, keypoint_model_sha256)
+    pub fn read(path: &Path, object: &str, keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
+        Self::parse(path, &read_bytes(path, MAX_JSON_BYTES)?, object, keypoint_model_sha256)
     }
 
     /// As [`read`](Self::read), of what is in the file.
-    pub(super) fn parse(path: &Path, bytes: &[u8], keypoint_model_sha256: &str) -> Result<Self, ReferenceError> {
+    pub(super) fn parse(
+        path: &Path,
+        bytes: &[u8],
+        object: &str,
+        keypoint_model_sha256: &str,
+    ) -> Result<Self, ReferenceError> {
         let unreadable = |source| ManifestError::Json { path: path.into(), source };
         let file: ReferenceFile = serde_json::from_slice(bytes).map_err(unreadable)?;
+        if file.object != object {
+            return Err(ReferenceError::OtherObject { path: path.into(), object: object.into(), stated: file.object });
+        }
         if !file.keypoint_model_sha256.eq_ignore_ascii_case(keypoint_model_sha256) {
             return Err(ReferenceError::OtherModel {
                 path: path.into(),

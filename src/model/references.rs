@@ -11,7 +11,13 @@ use super::reference::{Reference, ReferenceError, write_atomically};
 /// The references in force. Replacing one takes effect with the next image.
 pub struct References {
     folder: PathBuf,
-    by_object: RwLock<BTreeMap<String, Arc<InForce>>>,
+    by_object: RwLock<BTreeMap<String, Entry>>,
+}
+
+enum Entry {
+    InForce(Arc<InForce>),
+    /// Why it is not in force.
+    Unusable(String),
 }
 
 /// A reference, and which file it came from.
@@ -37,10 +43,35 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn load(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
+        Self::load_or(folder, library, Err)
+    }
+
+    /// As [`References::load`], but an object whose reference belongs to another network goes without one: one object
+    /// that was trained anew does not stop the others. [`References::problem`] says why.
+    ///
+    /// # Errors
+    /// As [`References::load`], for other faults.
+    pub fn load_usable(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
+        Self::load_or(folder, library, |error| {
+            let ReferenceError::OtherModel { object, stated, found, .. } = error else { return Err(error) };
+            Ok(format!(
+                "its reference belongs to another keypoint net (sha256 {stated}; the current one has {found}); make a new \
+                 one with `posed calibrate {object}`"
+            ))
+        })
+    }
+
+    fn load_or(
+        folder: &Path,
+        library: &Library,
+        unusable: impl Fn(ReferenceError) -> Result<String, ReferenceError>,
+    ) -> Result<Self, ReferenceError> {
         let references = Self { folder: folder.into(), by_object: RwLock::default() };
         for object in library.known() {
-            if references.path(object).exists() {
-                references.reload(object)?;
+            if references.path(object).exists()
+                && let Err(error) = references.reload(object)
+            {
+                references.put(object, Entry::Unusable(unusable(error)?));
             }
         }
         Ok(references)
@@ -52,7 +83,7 @@ impl References {
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn read(folder: &Path, object: &ObjectModel) -> Result<Option<Reference>, ReferenceError> {
         let path = folder.join(format!("{}.json", object.manifest.name));
-        let read = || Reference::read(&path, &object.manifest.model_sha256);
+        let read = || Reference::read(&path, &object.manifest.name, &object.manifest.model_sha256);
         path.exists().then(read).transpose()
     }
 
@@ -60,7 +91,19 @@ impl References {
     #[must_use]
     pub fn get(&self, object: &str) -> Option<Arc<InForce>> {
         // A map of whole references is valid whoever panicked beside it.
-        self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object).cloned()
+        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
+            Entry::InForce(in_force) => Some(Arc::clone(in_force)),
+            Entry::Unusable(_) => None,
+        }
+    }
+
+    /// Why the reference of an object is not in force.
+    #[must_use]
+    pub fn problem(&self, object: &str) -> Option<String> {
+        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
+            Entry::InForce(_) => None,
+            Entry::Unusable(problem) => Some(problem.clone()),
+        }
     }
 
     /// The file of an object's reference as it is now, where that is not the one in force: another process may have
@@ -82,10 +125,9 @@ impl References {
         let unreadable = |source| ManifestError::Read { path: path.clone(), source };
         let version = FileVersion::of(&path).map_err(unreadable)?;
         let bytes = read_bytes(&path, MAX_JSON_BYTES)?;
-        let reference = Reference::parse(&path, &bytes, &object.manifest.model_sha256)?;
+        let reference = Reference::parse(&path, &bytes, &object.manifest.name, &object.manifest.model_sha256)?;
         let in_force = Arc::new(InForce { reference, sha256: sha256_hex(&bytes), version });
-        let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
-        by_object.insert(object.manifest.name.clone(), Arc::clone(&in_force));
+        self.put(object, Entry::InForce(Arc::clone(&in_force)));
         Ok(in_force)
     }
 
@@ -152,6 +194,11 @@ impl References {
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    fn put(&self, object: &ObjectModel, entry: Entry) {
+        let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
+        by_object.insert(object.manifest.name.clone(), entry);
     }
 
     fn path(&self, object: &ObjectModel) -> PathBuf {

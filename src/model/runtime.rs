@@ -1,11 +1,13 @@
 use std::path::{Path, PathBuf};
 
+use half::f16;
 use ort::environment::Environment;
 use ort::ep;
 use ort::session::Session;
-use ort::value::{DynValue, TensorRef};
+use ort::value::{DynValue, Outlet, TensorRef};
 
-use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError};
+use super::network::{Backend, Input, Network, Output, Outputs, RuntimeError, SizeInput};
+use super::onnx::check_is_whole;
 use super::provider::Provider;
 
 /// The loaded ONNX Runtime.
@@ -58,13 +60,13 @@ impl Runtime {
 }
 
 impl Backend for Runtime {
-    fn load(&self, name: &str, bytes: &[u8]) -> Result<Box<dyn Network>, RuntimeError> {
-        let session = self.session(bytes).map_err(|error| RuntimeError::Load {
-            name: name.into(),
-            provider: self.provider,
-            reason: error.to_string(),
-        })?;
-        Ok(Box::new(OnnxNetwork { name: name.into(), session }))
+    fn load(&self, name: &str, bytes: &[u8], size: Option<SizeInput<'_>>) -> Result<Box<dyn Network>, RuntimeError> {
+        let failed = |reason| RuntimeError::Load { name: name.into(), provider: self.provider, reason };
+        check_is_whole(bytes).map_err(failed)?;
+        let session = self.session(bytes).map_err(|error| failed(error.to_string()))?;
+        let image = image_input(&session, size).map_err(failed)?;
+        let size = size.map(|size| (size.name.to_owned(), [size.width, size.height].map(i64::from)));
+        Ok(Box::new(OnnxNetwork { name: name.into(), session, image, size }))
     }
 
     fn provider(&self) -> Provider {
@@ -75,6 +77,25 @@ impl Backend for Runtime {
 struct OnnxNetwork {
     name: String,
     session: Session,
+    /// Name of the image's input.
+    image: String,
+    /// Another input, and the width and height that it is given.
+    size: Option<(String, [i64; 2])>,
+}
+
+/// The name of the input that is the image: the only one beside that for the size.
+fn image_input(session: &Session, size: Option<SizeInput<'_>>) -> Result<String, String> {
+    let names: Vec<&str> = session.inputs().iter().map(Outlet::name).collect();
+    let others: Vec<&str> = names.iter().copied().filter(|name| size.is_none_or(|size| size.name != *name)).collect();
+    if let Some(SizeInput { name, .. }) = size.filter(|_| others.len() == names.len()) {
+        return Err(format!("it has no input {name:?} ('input.size_input'); its inputs are {names:?}"));
+    }
+    match others[..] {
+        [image] => Ok(image.to_owned()),
+        _ => Err(format!(
+            "its inputs are {names:?}, but only an image is given; if one is for the size of the image, as              \"orig_target_sizes\" of a detector, name it in 'input.size_input'"
+        )),
+    }
 }
 
 impl Network for OnnxNetwork {
@@ -83,33 +104,41 @@ impl Network for OnnxNetwork {
         let input: ort::session::SessionInputValue<'_> = match input {
             Input::Bytes { shape, values } => TensorRef::from_array_view((shape, values)).map_err(failed)?.into(),
             Input::Floats { shape, values } => TensorRef::from_array_view((shape, values)).map_err(failed)?.into(),
+            Input::Halves { shape, values } => TensorRef::from_array_view((shape, values)).map_err(failed)?.into(),
         };
-        let results = self.session.run(ort::inputs![input]).map_err(failed)?;
-        let mut tensors = Vec::with_capacity(results.len());
-        for (name, value) in &results {
-            let problem =
-                |problem: String| RuntimeError::Output { name: self.name.clone(), output: name.to_owned(), problem };
-            let (shape, values) = floats(&value).map_err(problem)?;
-            tensors.push(Output { name: name.to_owned(), shape, values });
+        let mut inputs = vec![(self.image.as_str(), input)];
+        if let Some((name, size)) = &self.size {
+            let size = TensorRef::from_array_view(([1, size.len()], size.as_slice())).map_err(failed)?;
+            inputs.push((name, size.into()));
         }
-        Ok(Outputs { network: self.name.clone(), tensors })
+        let results = self.session.run(inputs).map_err(failed)?;
+        let (mut tensors, mut others) = (Vec::with_capacity(results.len()), Vec::new());
+        for (name, value) in &results {
+            match numbers(&value) {
+                Some((shape, values)) => tensors.push(Output { name: name.to_owned(), shape, values }),
+                None => others.push(name.to_owned()),
+            }
+        }
+        Ok(Outputs { network: self.name.clone(), tensors, others })
     }
 }
 
-/// Class indices come as 64-bit integers from some exporters.
-#[expect(clippy::cast_precision_loss, reason = "class indices")]
-fn floats(value: &DynValue) -> Result<(Vec<usize>, Vec<f32>), String> {
-    let sides = |shape: &ort::value::Shape| shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
-    if let Ok((shape, values)) = value.try_extract_tensor::<f32>() {
-        if !values.iter().all(|v| v.is_finite()) {
-            return Err("has a value that is not finite".into());
-        }
-        return Ok((sides(shape), values.to_vec()));
+/// A tensor's shape and values. Exporters differ in the types of class indices and counts.
+#[expect(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "class indices, counts and pixels")]
+fn numbers(value: &DynValue) -> Option<(Vec<usize>, Vec<f32>)> {
+    fn read<T>(value: &DynValue, float: impl Fn(&T) -> f32) -> Option<(Vec<usize>, Vec<f32>)>
+    where
+        T: ort::value::PrimitiveTensorElementType + std::fmt::Debug,
+    {
+        let (shape, values) = value.try_extract_tensor::<T>().ok()?;
+        let sides = shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
+        Some((sides, values.iter().map(float).collect()))
     }
-    match value.try_extract_tensor::<i64>() {
-        Ok((shape, values)) => Ok((sides(shape), values.iter().map(|v| *v as f32).collect())),
-        Err(_) => Err("is neither a tensor of 32-bit floats nor of 64-bit integers".into()),
-    }
+    read::<f32>(value, |v| *v)
+        .or_else(|| read::<f16>(value, |v| v.to_f32()))
+        .or_else(|| read::<i64>(value, |v| *v as f32))
+        .or_else(|| read::<i32>(value, |v| *v as f32))
+        .or_else(|| read::<f64>(value, |v| *v as f32))
 }
 
 fn find_library() -> Result<PathBuf, RuntimeError> {

@@ -25,6 +25,6 @@ pub use options::{DecodeOptions, OrientationPolicy};
 pub use overlay::{AXIS_COLOURS, Mark, PoseMark, box_corners, box_edges, draw_marks, encode, status_colour};
 pub use raw::{RawEncoding, RawError, RawImage, RawLayout};
 pub use region::{BoundingBox, Square};
-pub use resample::{Letterbox, ResampleError, Resampled, letterbox};
+pub use resample::{Fit, Letterbox, ResampleError, Resampled, letterbox};
 pub use source::Image;
-pub use tensor::to_planes;
+pub use tensor::{Arrangement, arrange};

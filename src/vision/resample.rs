@@ -33,23 +33,38 @@ pub struct Letterbox {
     pub height: u32,
     /// Grey value of what the image does not cover.
     pub fill: u8,
-    /// In the middle, else at the top left.
-    pub centred: bool,
+    pub fit: Fit,
 }
 
-/// The whole image resized to fit into a letterbox, its aspect kept.
+/// Where an image lies in an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fit {
+    /// Its aspect kept.
+    TopLeft,
+    /// Its aspect kept, in the middle.
+    Centre,
+    /// Over the whole input.
+    Stretch,
+}
+
+/// The whole image resized to fit into a letterbox.
 ///
 /// # Errors
 /// When the image is empty.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded sides within 1..=width")]
 pub fn letterbox(resizer: &mut Resizer, image: &RgbImage, to: Letterbox) -> Result<Resampled, ResampleError> {
-    let Letterbox { width, height, fill, centred } = to;
+    let Letterbox { width, height, fill, fit } = to;
     let from = Vector2::new(f64::from(image.width()), f64::from(image.height()));
     let scale = (f64::from(width) / from.x).min(f64::from(height) / from.y);
-    let inner_width = ((from.x * scale).round() as u32).clamp(1, width);
-    let inner_height = ((from.y * scale).round() as u32).clamp(1, height);
+    let (inner_width, inner_height) = if fit == Fit::Stretch {
+        (width, height)
+    } else {
+        let side = |side: f64, most: u32| ((side * scale).round() as u32).clamp(1, most);
+        (side(from.x, width), side(from.y, height))
+    };
     let inner = resize(resizer, image, (inner_width, inner_height), ResizeOptions::new())?;
-    let (left, top) = if centred { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
+    let (left, top) =
+        if fit == Fit::Centre { ((width - inner_width) / 2, (height - inner_height) / 2) } else { (0, 0) };
     let mut rgb = vec![fill; 3 * width as usize * height as usize];
     for (row, line) in inner.chunks_exact(3 * inner_width as usize).enumerate() {
         let start = 3 * ((row + top as usize) * width as usize + left as usize);
@@ -98,12 +113,25 @@ pub(super) mod tests {
     #[test]
     fn letterbox_keeps_the_aspect_and_fills_the_rest() {
         let image = map(200, 100);
-        for (centred, filled, corner) in [(false, 80, Vector2::new(99.5, 49.5)), (true, 10, Vector2::new(99.5, 74.5))] {
-            let to = Letterbox { width: 100, height: 100, fill: 114, centred };
+        for (fit, filled, corner) in
+            [(Fit::TopLeft, 80, Vector2::new(99.5, 49.5)), (Fit::Centre, 10, Vector2::new(99.5, 74.5))]
+        {
+            let to = Letterbox { width: 100, height: 100, fill: 114, fit };
             let boxed = letterbox(&mut Resizer::new(), &image, to).unwrap();
             assert_eq!(pixel(&boxed, 100, 50, filled), [114; 3]);
             assert_eq!(pixel(&boxed, 100, 50, 45)[2], 77);
             assert_eq!(boxed.crop_from_image.apply(&Vector2::new(199.5, 99.5)), corner);
+        }
+    }
+
+    #[test]
+    fn a_stretched_image_fills_the_input() {
+        let to = Letterbox { width: 50, height: 100, fill: 114, fit: Fit::Stretch };
+        let stretched = letterbox(&mut Resizer::new(), &map(200, 100), to).unwrap();
+        assert_eq!(stretched.crop_from_image.apply(&Vector2::new(199.5, 99.5)), Vector2::new(49.5, 99.5));
+        for (x, y, wanted) in [(0, 99, [2, 99, 77]), (49, 0, [198, 0, 77]), (25, 50, [102, 50, 77])] {
+            let found = pixel(&stretched, 50, x, y);
+            assert!(found.iter().zip(wanted).all(|(found, wanted)| found.abs_diff(wanted) <= 1), "{found:?}");
         }
     }
 }

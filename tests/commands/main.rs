@@ -4,6 +4,8 @@
 mod calibrate;
 mod estimate;
 mod evaluate;
+#[path = "../support/onnx.rs"]
+mod onnx;
 mod refusals;
 mod settings;
 mod still;

@@ -4,8 +4,10 @@ use std::fs;
 use std::net::TcpListener;
 
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 
-use crate::support::{FREE_PORTS, copy_of, explanation, posed, refuses_to_serve, root, run};
+use crate::onnx::{Attribute, Graph, Node, Tensor};
+use crate::support::{FREE_PORTS, change, copy_of, explanation, posed, refuses_to_serve, root, run};
 
 #[test]
 fn damaged_models_are_named() {
@@ -84,14 +86,60 @@ fn missing_models_are_named() {
     refuses_to_serve(&["--models", models.path().to_str().unwrap()], "cube/keypoints.onnx");
 }
 
+/// The server goes on without the object (`server/models.rs`); a command that was given it does not.
 #[test]
 fn a_reference_for_another_model_is_refused() {
     let reference = copy_of("reference");
-    let path = reference.path().join("cube.json");
-    let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-    json["keypoint_model_sha256"] = "0".repeat(64).into();
-    fs::write(&path, json.to_string()).unwrap();
-    refuses_to_serve(&["--reference", reference.path().to_str().unwrap()], "posed calibrate cube");
+    change(&reference.path().join("cube.json"), |json| json["keypoint_model_sha256"] = "0".repeat(64).into());
+    let folder = reference.path().to_str().unwrap();
+    let image = ["estimate", "samples/sample-1.jpg", "--camera", "samples/demo.camera.json", "--reference", folder];
+    let said = explanation(&run(&image));
+    assert!(said.contains("posed calibrate cube"), "{said}");
+}
+
+#[test]
+fn a_reference_under_another_name_is_refused() {
+    let reference = copy_of("reference");
+    fs::copy(reference.path().join("cube.json"), reference.path().join("link.json")).unwrap();
+    let folder = reference.path().to_str().unwrap();
+    refuses_to_serve(&["--reference", folder], "is for object \"cube\", but its file is named after \"link\"");
+}
+
+/// Weights in another file are covered by no hash, and ONNX Runtime looks for them in the working folder.
+#[test]
+fn weights_in_other_files_are_refused() {
+    let leak = || Tensor::elsewhere("leak", 100, "etc/passwd");
+    assert!(fs::metadata("/etc/passwd").unwrap().len() > 100);
+    let in_branch = Node::new("If", &["yes"], "leaked").with(Attribute::graph(
+        "then_branch",
+        Graph::default().node(Node::new("Constant", &[], "value").with(Attribute::tensor("value", leak()))),
+    ));
+    for addition in [
+        Graph::default().constant(leak()),
+        Graph::default().node(Node::new("Constant", &[], "leak").with(Attribute::tensor("value", leak()))),
+        Graph::default().node(in_branch),
+    ] {
+        for (network, manifest) in
+            [("cube/keypoints.onnx", "cube/object.json"), ("detector/detector.onnx", "detector/detector.json")]
+        {
+            let models = copy_of("models");
+            let path = models.path().join(network);
+            let bytes = [fs::read(&path).unwrap(), addition.clone().addition()].concat();
+            fs::write(&path, &bytes).unwrap();
+            let hash = Sha256::digest(&bytes).iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+            change(&models.path().join(manifest), |json| json["model_sha256"] = hash.into());
+            let none = tempfile::tempdir().unwrap();
+            let folders = [models.path().to_str().unwrap(), none.path().to_str().unwrap()];
+            let output = posed(&["serve", "--models", folders[0], "--reference", folders[1]])
+                .args(FREE_PORTS)
+                .env("ORT_DYLIB_PATH", root().join(".onnxruntime/libonnxruntime.so"))
+                .current_dir("/")
+                .output()
+                .unwrap();
+            let said = explanation(&output);
+            assert!(said.contains("\"etc/passwd\"") && said.contains("embed the weights"), "{said}");
+        }
+    }
 }
 
 #[test]

@@ -67,8 +67,19 @@ fn every_detector_format_gives_the_same_boxes() {
         output("labels", &[4], classes.to_vec()),
         output("scores", &[4], scores.to_vec()),
     ];
+    let yolov7 = rows.iter().zip(scores).zip(classes);
+    let yolov7 =
+        yolov7.flat_map(|((row, score), class)| [0.0].into_iter().chain(corners(row)).chain([class, score])).collect();
+    let efficient_nms = vec![
+        output("num_dets", &[1, 1], vec![4.0]),
+        output("det_boxes", &[1, 4, 4], rows.iter().flat_map(corners).collect()),
+        output("det_scores", &[1, 4], scores.to_vec()),
+        output("det_classes", &[1, 4], classes.to_vec()),
+    ];
     for (format, outputs) in [
         ("end2end", vec![output("detections", &[1, 4, 6], end2end)]),
+        ("yolov7_end2end", vec![output("output", &[4, 7], yolov7)]),
+        ("efficient_nms", efficient_nms),
         ("yolov5", vec![output("output0", &[1, 4, 7], rows.as_flattened().to_vec())]),
         ("yolov8", vec![output("output0", &[1, 6, 4], yolov8.as_flattened().to_vec())]),
         ("torchvision", torchvision),
@@ -99,6 +110,8 @@ fn outputs_of_another_shape_are_named() {
         ("end2end", vec![output("out", &[1, 6], vec![0.0; 6])], "[1, 6], expected [1, N, 6]"),
         ("yolov5", vec![output("out", &[1, 1, 9], vec![0.0; 9])], "[1, N, 7] for 2 labels"),
         ("yolov8", vec![output("out", &[1, 7, 1], vec![0.0; 7])], "[1, 6, N] for 2 labels"),
+        ("yolov7_end2end", vec![output("out", &[1, 6], vec![0.0; 6])], "[1, 6], expected [N, 7]"),
+        ("efficient_nms", vec![output("num_dets", &[1, 1], vec![0.0])], "has 1 outputs"),
         ("torchvision", vec![output("boxes", &[1, 4], vec![0.0; 4])], "'labels' is missing"),
         ("end2end", vec![], "is missing"),
     ] {

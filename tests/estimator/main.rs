@@ -2,8 +2,15 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod doubts;
+mod foreign;
 mod formats;
+mod inputs;
+mod isolation;
+mod lens;
+#[path = "../support/onnx.rs"]
+mod onnx;
 mod queue;
 mod real;
 mod script;
+mod tray;
 mod zoom;

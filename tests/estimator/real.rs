@@ -4,9 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use posed::estimator::{Estimate, Estimator, Frame};
-use posed::model::{Library, Provider, References, Runtime};
+use posed::model::{Library, References};
 use posed::vision::{DecodeOptions, Image, decode};
 use posed_core::geometry::{Camera, Pose};
+
+use crate::script::runtime;
 
 /// An answer does not depend on the images that it is worked on with: the arithmetic's order may differ in the last
 /// digits of a float, and nothing else.
@@ -15,7 +17,7 @@ fn an_answer_does_not_depend_on_its_batch() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let library = Arc::new(Library::load(&root.join("models")).unwrap());
     let references = Arc::new(References::load(&root.join("reference"), &library).unwrap());
-    let mut estimator = Estimator::new(library, references, &Runtime::load(Provider::Cpu, 2).unwrap()).unwrap();
+    let mut estimator = Estimator::new(library, references, runtime()).unwrap();
     let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap();
     let images: Vec<_> = (1..=3)
         .map(|index| std::fs::read(root.join(format!("samples/sample-{index}.jpg"))).unwrap())

@@ -3,13 +3,17 @@
 #![allow(unreachable_pub, reason = "for the other modules of this test")]
 
 use std::fs;
-use std::sync::Arc;
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use image::RgbImage;
 use nalgebra::{Vector2, Vector3};
 use posed::estimator::Estimator;
-use posed::model::{Backend, Input, Library, Network, Output, Outputs, Provider, References, RuntimeError};
+use posed::model::{
+    Backend, Input, Library, LoadError, Network, Output, Outputs, Provider, References, Runtime, RuntimeError,
+    SizeInput,
+};
 use posed_core::geometry::{Camera, Pose};
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
@@ -49,12 +53,12 @@ struct Scripted(Arc<Answer>);
 
 impl Network for Scripted {
     fn run(&mut self, input: Input<'_>) -> Result<Outputs, RuntimeError> {
-        Ok(Outputs { network: "scripted".into(), tensors: (self.0)(input)? })
+        Ok(Outputs { network: "scripted".into(), tensors: (self.0)(input)?, others: Vec::new() })
     }
 }
 
 impl Backend for Script {
-    fn load(&self, _: &str, bytes: &[u8]) -> Result<Box<dyn Network>, RuntimeError> {
+    fn load(&self, _: &str, bytes: &[u8], _: Option<SizeInput<'_>>) -> Result<Box<dyn Network>, RuntimeError> {
         self.loads.fetch_add(1, Ordering::Relaxed);
         let answer = if bytes == b"detector" { &self.detector } else { &self.keypoints };
         Ok(Box::new(Scripted(Arc::clone(answer))))
@@ -65,7 +69,7 @@ impl Backend for Script {
     }
 }
 
-/// Changes to the two manifests of a model folder.
+/// The two manifests of a model folder, without hashes.
 #[derive(Clone)]
 pub struct Manifests {
     pub detector: Value,
@@ -76,11 +80,11 @@ impl Default for Manifests {
     fn default() -> Self {
         Self {
             detector: json!({
-                "format": "end2end", "model_sha256": sha256(b"detector"), "labels": ["block"], "score_threshold": 0.5,
+                "format": "end2end", "labels": ["block"], "score_threshold": 0.5,
                 "input": {"layout": "nhwc", "dtype": "uint8", "width": WIDTH, "height": HEIGHT, "fill": 0},
             }),
             object: json!({
-                "name": "block", "obj_id": 1, "model_sha256": sha256(b"keypoints"), "diameter_m": 0.1,
+                "name": "block", "obj_id": 1, "diameter_m": 0.1,
                 "virtual_keypoints_m": corners().map(|corner| [corner.x, corner.y, corner.z]),
                 "crop_scale": SCALE, "input": {"layout": "nhwc", "dtype": "uint8", "size": CROP},
                 "output": {"kind": "keypoints"}, "covariance_scale": vec![1.0; 8],
@@ -96,28 +100,56 @@ pub struct Models {
     script: Script,
 }
 
+/// ONNX Runtime: there is one for each process.
+pub fn runtime() -> &'static Runtime {
+    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::load(Provider::Cpu, 2).unwrap());
+    &RUNTIME
+}
+
+/// The files of the two networks.
+pub struct Networks<'a> {
+    pub detector: &'a [u8],
+    pub keypoints: &'a [u8],
+}
+
+/// Scripts tell them apart by these bytes.
+const SCRIPTED: Networks<'_> = Networks { detector: b"detector", keypoints: b"keypoints" };
+
+/// Writes a model folder with the object's reference in it.
+pub fn write_models(folder: &Path, manifests: &Manifests, networks: &Networks<'_>) {
+    let write = |file: &str, bytes: &[u8]| {
+        let path = folder.join(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    };
+    let Manifests { mut detector, mut object } = manifests.clone();
+    detector["model_sha256"] = sha256(networks.detector).into();
+    object["model_sha256"] = sha256(networks.keypoints).into();
+    write("detector/detector.json", detector.to_string().as_bytes());
+    write("detector/detector.onnx", networks.detector);
+    write("block/object.json", object.to_string().as_bytes());
+    write("block/keypoints.onnx", networks.keypoints);
+    let covariance: Vec<Vec<f64>> =
+        (0..6).map(|row| (0..6).map(|column| if row == column { 1e-10 } else { 0.0 }).collect()).collect();
+    let reference = json!({
+        "object": "block", "keypoint_model_sha256": sha256(networks.keypoints), "method": "single",
+        "covariance": covariance, "references": [],
+        "object_from_keypoints": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [0, 0, 0]},
+    });
+    write("block.json", reference.to_string().as_bytes());
+}
+
 impl Models {
     pub fn new(manifests: &Manifests, script: Script) -> Self {
+        Self::load(manifests, script).unwrap()
+    }
+
+    pub fn load(manifests: &Manifests, script: Script) -> Result<Self, LoadError> {
         let folder = tempfile::tempdir().unwrap();
-        let write = |file: &str, bytes: &[u8]| {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, bytes).unwrap();
-        };
-        write("detector/detector.json", manifests.detector.to_string().as_bytes());
-        write("detector/detector.onnx", b"detector");
-        write("block/object.json", manifests.object.to_string().as_bytes());
-        write("block/keypoints.onnx", b"keypoints");
-        let covariance: Vec<Vec<f64>> =
-            (0..6).map(|row| (0..6).map(|column| if row == column { 1e-10 } else { 0.0 }).collect()).collect();
-        let reference = json!({
-            "object": "block", "keypoint_model_sha256": sha256(b"keypoints"), "method": "single", "covariance": covariance,
-            "object_from_keypoints": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [0, 0, 0]}, "references": [],
-        });
-        write("block.json", reference.to_string().as_bytes());
-        let library = Arc::new(Library::load(folder.path()).unwrap());
-        let references = Arc::new(References::load(folder.path(), &library).unwrap());
-        Self { library, references, script }
+        write_models(folder.path(), manifests, &SCRIPTED);
+        let library = Arc::new(Library::load(folder.path())?);
+        let references = Arc::new(References::load(folder.path(), &library)?);
+        Ok(Self { library, references, script })
     }
 
     pub fn estimator(&self) -> Result<Estimator, RuntimeError> {
@@ -139,7 +171,7 @@ pub fn truth() -> Pose {
     Pose::from_quaternion_xyzw([0.3, 0.4, 0.1, 0.86], [-0.02, -0.017, 0.5]).unwrap()
 }
 
-fn corners() -> [Vector3<f64>; 8] {
+pub fn corners() -> [Vector3<f64>; 8] {
     std::array::from_fn(|k| Vector3::from_fn(|axis, _| if k >> axis & 1 == 1 { SIDE_M / 2.0 } else { -SIDE_M / 2.0 }))
 }
 
@@ -158,13 +190,13 @@ pub fn image(brightness: u8) -> RgbImage {
 pub fn brightness(input: Input<'_>) -> u8 {
     match input {
         Input::Bytes { values, .. } => values[values.len() / 2],
-        Input::Floats { .. } => panic!("bytes were expected"),
+        Input::Floats { .. } | Input::Halves { .. } => panic!("bytes were expected"),
     }
 }
 
 pub fn batch_of(input: Input<'_>) -> usize {
     match input {
-        Input::Bytes { shape, .. } | Input::Floats { shape, .. } => shape[0],
+        Input::Bytes { shape, .. } | Input::Floats { shape, .. } | Input::Halves { shape, .. } => shape[0],
     }
 }
 
@@ -186,10 +218,14 @@ pub fn corner_pixels() -> [Vector2<f64>; 8] {
 
 /// Where the corners are in the crop of [`BOX`], pixels.
 pub fn keypoints_in_crop() -> [[f64; 2]; 8] {
+    corner_pixels().map(in_crop)
+}
+
+/// Where a pixel of the image is in the crop of [`BOX`].
+pub fn in_crop(pixel: Vector2<f64>) -> [f64; 2] {
     let side = SCALE * BOX[2].max(BOX[3]);
     let first_edge = [0, 1].map(|axis| BOX[axis] + BOX[axis + 2] / 2.0 - side / 2.0);
-    corner_pixels()
-        .map(|pixel| [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5))
+    [0, 1].map(|axis| (pixel[axis] + 0.5 - first_edge[axis]) * f64::from(CROP) / side - 0.5)
 }
 
 /// What a keypoint net says of `batch` crops of [`BOX`].

@@ -76,6 +76,38 @@ async fn a_camera_may_have_a_lens() {
     assert_ne!(plain["poses"][0]["camera_from_object"], bent["poses"][0]["camera_from_object"]);
 }
 
+/// Principal points beside the image, and lenses that fold within it: numbers where the schema has numbers.
+#[tokio::test]
+async fn a_lens_that_ends_within_the_image_leaves_no_gap_in_the_answer() {
+    let server = Server::start(&[]);
+    let image = read(&samples()[0].file);
+    let mut outside = 0;
+    for (cx, k1) in [(319.5, -0.9), (100.0, -0.6), (-100.0, -0.35), (500.0, -0.6), (640.0, -0.5)] {
+        let camera = value!({
+            "model": "opencv", "fx": 600, "fy": 600, "cx": cx, "cy": 239.5, "skew": 0,
+            "distortion": [k1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+        });
+        let request = value!({"camera": camera}).to_string();
+        let answer = json(send(&server, "/v1/poses", form(std::slice::from_ref(&image), &request)).await).await;
+        for pose in answer["poses"].as_array().unwrap().iter().filter(|pose| !pose["keypoints"].is_null()) {
+            assert!(pose["reprojection_rmse_px"].is_number(), "{pose}");
+            let keypoints = pose["keypoints"].as_array().unwrap();
+            let without = keypoints.iter().filter(|keypoint| keypoint.get("residual_px").is_none()).count();
+            assert!(
+                keypoints.iter().all(|keypoint| keypoint.get("residual_px").is_none_or(Value::is_number)),
+                "{pose}"
+            );
+            assert!(
+                keypoints.iter().all(|keypoint| keypoint["inlier"] == false || keypoint.get("residual_px").is_some())
+            );
+            let left_out = pose["keypoints_outside_lens"].as_u64().unwrap();
+            assert!(left_out <= without as u64, "{pose}");
+            outside += left_out;
+        }
+    }
+    assert!(outside > 0, "no keypoint was beyond a lens");
+}
+
 #[tokio::test]
 async fn bad_forms_are_refused_by_name_and_the_next_good_one_works() {
     let server = Server::start(&[]);
@@ -88,6 +120,11 @@ async fn bad_forms_are_refused_by_name_and_the_next_good_one_works() {
     negative["fy"] = (-600.0).into();
     let mut huge = pinhole();
     huge["fx"] = 1e300.into();
+    let mut skewed = pinhole();
+    skewed["skew"] = 0.3.into();
+    let mut tilted = pinhole();
+    tilted["model"] = "opencv".into();
+    tilted["distortion"] = [0.0; 13].into_iter().chain([0.01]).collect::<Vec<_>>().into();
     let camera = |camera: &Value| value!({"camera": camera}).to_string();
     let bad = StatusCode::BAD_REQUEST;
     let cases = [
@@ -99,6 +136,8 @@ async fn bad_forms_are_refused_by_name_and_the_next_good_one_works() {
         ("misspelt camera", with(&camera(&misspelt)), bad, "f_x"),
         ("negative focal length", with(&camera(&negative)), bad, "'fy'"),
         ("impossible focal length", with(&camera(&huge)), bad, "'fx'"),
+        ("skew", with(&camera(&skewed)), bad, "'skew' is 0.3"),
+        ("tilted sensor", with(&camera(&tilted)), bad, "tau_y = 0.01"),
         ("number out of range", with(r#"{"camera": {"model": "pinhole", "fx": 1e999}}"#), bad, "out of range"),
         ("unknown object", with(r#"{"camera": "demo", "objects": ["teapot"]}"#), StatusCode::NOT_FOUND, "teapot"),
         (

@@ -114,7 +114,7 @@ async fn options_are_kept_and_bad_ones_refused() {
         (
             EstimateRequest { camera: Some(Camera::InlineCamera(bent)), ..good.clone() },
             Code::InvalidArgument,
-            "4, 5, 8 or 12",
+            "4, 5, 8, 12 or 14",
         ),
         (
             EstimateRequest { base_from_camera: Some(Transform::default()), ..good.clone() },

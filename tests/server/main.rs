@@ -13,6 +13,7 @@ mod http;
 mod hung;
 mod lifecycle;
 mod load;
+mod models;
 mod raw;
 mod raw_grpc;
 mod recalibration;

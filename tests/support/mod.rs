@@ -244,6 +244,13 @@ pub fn copy_of(folder: &str) -> tempfile::TempDir {
     copy
 }
 
+/// Changes a JSON file.
+pub fn change(path: &Path, change: impl FnOnce(&mut Value)) {
+    let mut json: Value = serde_json::from_slice(&read(path)).unwrap();
+    change(&mut json);
+    std::fs::write(path, json.to_string()).unwrap();
+}
+
 pub fn read(path: &Path) -> Vec<u8> {
     let mut bytes = Vec::new();
     std::fs::File::open(path).unwrap().read_to_end(&mut bytes).unwrap();

@@ -31,6 +31,7 @@ OPSET = 18
 MIN_STORED_AS_BYTES = 1024  # elements: small tensors keep full precision
 PARITY_TOLERANCE_PX = 0.02
 PARITY_CROPS = 3
+MAX_DETECTIONS_PER_CLASS = 32  # more would not help: the service takes so many of an image
 
 
 KEYPOINT_OUTPUTS = ("keypoints", "covariances", "peaks", "second_keypoints", "second_weights", "features")
@@ -160,7 +161,7 @@ def append_suppression(model: onnx.ModelProto, score_threshold: float = 0.05) ->
     """Per-class non-maximum suppression; the output becomes `detections [1, N, 6]`."""
     graph = model.graph
     constants = {
-        "nms_most": np.array([8], np.int64),
+        "nms_most": np.array([MAX_DETECTIONS_PER_CLASS], np.int64),
         "nms_iou": np.array([0.5], np.float32),
         "nms_score": np.array([score_threshold], np.float32),
         "axis_1": np.array([1], np.int64),
@@ -300,6 +301,7 @@ def export_detector(model, labels: list[str], out: Path, training: dict, score_t
         },
         "labels": labels,
         "score_threshold": score_threshold,
+        "max_detections_per_class": MAX_DETECTIONS_PER_CLASS,
         "training": training,
     }
     write_manifest(out / "detector.json", manifest)

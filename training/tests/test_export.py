@@ -1,6 +1,10 @@
-import numpy as np
+import json
 
-from posed_train.export import to_bytes
+import numpy as np
+import torch
+
+from posed_train import detector
+from posed_train.export import export_detector, session, to_bytes
 
 
 def test_weights_in_bytes_are_near_and_stay_what_they_are():
@@ -14,3 +18,14 @@ def test_weights_in_bytes_are_near_and_stay_what_they_are():
     again = to_bytes(stored)
     np.testing.assert_array_equal(again[0], integers)
     np.testing.assert_array_equal(again[0] * again[1], stored)
+
+
+def test_the_manifest_states_how_many_boxes_of_a_class_the_graph_returns(tmp_path):
+    torch.manual_seed(0)
+    export_detector(detector.build(2), ["a", "b"], tmp_path, {})
+    manifest = json.loads((tmp_path / "detector.json").read_text())
+    # An untrained net sees objects everywhere.
+    noise = np.random.default_rng(0).integers(0, 256, (1, detector.HEIGHT, detector.WIDTH, 3), np.uint8)
+    (rows,) = session(tmp_path / "detector.onnx").run(["detections"], {"image": noise})
+    counts = np.bincount(rows[0, :, 5].astype(int))
+    assert counts.max() == manifest["max_detections_per_class"]

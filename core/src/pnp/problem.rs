@@ -28,7 +28,7 @@ pub enum PnpError {
     NoPose,
 }
 
-/// The points of one problem in normalised image coordinates (the plane z = 1), whitened by their covariances.
+/// The usable points of one problem in normalised image coordinates (the plane z = 1), whitened by their covariances.
 #[derive(Clone, Debug)]
 pub(super) struct Problem {
     len: usize,
@@ -38,6 +38,8 @@ pub(super) struct Problem {
 /// One point and where it was seen.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WhitenedPoint {
+    /// Its place among the points that were given.
+    pub index: usize,
     pub point: Vector3<f64>,
     /// Unit direction of the camera ray.
     pub ray: Vector3<f64>,
@@ -49,7 +51,8 @@ pub(super) struct WhitenedPoint {
 }
 
 impl Problem {
-    /// `floor_px` is added to every covariance as an isotropic standard deviation.
+    /// `floor_px` is added to every covariance as an isotropic standard deviation. Points beyond the domain of the lens are
+    /// left out, as long as there are enough others.
     pub(super) fn new(
         points: &[Vector3<f64>],
         pixels: &[Vector2<f64>],
@@ -67,22 +70,24 @@ impl Problem {
         if !(MIN_POINTS..=MAX_POINTS).contains(&points.len()) {
             return Err(PnpError::PointCount { given: points.len() });
         }
-        let mut problem = Self { len: points.len(), observations: [WhitenedPoint::default(); MAX_POINTS] };
+        let mut problem = Self { len: 0, observations: [WhitenedPoint::default(); MAX_POINTS] };
+        let mut outside = None;
         for (index, ((point, pixel), covariance)) in points.iter().zip(pixels).zip(covariances_px).enumerate() {
             if !(point.iter().chain(pixel).chain(covariance).all(|v| v.is_finite())) {
                 return Err(PnpError::NotFinite { index });
             }
-            let (image, by_pixel) =
-                camera.unproject_with_jacobian(pixel).map_err(|source| PnpError::Pixel { index, source })?;
             let floored = covariance + Matrix2::identity() * (floor_px * floor_px);
-            let normalised = by_pixel * floored * by_pixel.transpose();
-            problem.observations[index] = WhitenedPoint {
-                point: *point,
-                ray: image.push(1.0).normalize(),
-                image,
-                whitening: whitening_of(&normalised).ok_or(PnpError::Covariance { index })?,
-                variance: normalised.trace(),
-            };
+            whitening_of(&floored).ok_or(PnpError::Covariance { index })?;
+            match WhitenedPoint::new(index, *point, pixel, &floored, camera) {
+                Ok(seen) => {
+                    problem.observations[problem.len] = seen;
+                    problem.len += 1;
+                }
+                Err(source) => outside = outside.or(Some(PnpError::Pixel { index, source })),
+            }
+        }
+        if let Some(error) = outside.filter(|_| problem.len < MIN_POINTS) {
+            return Err(error);
         }
         if problem.points_are_on_a_line() {
             return Err(PnpError::Degenerate);
@@ -104,6 +109,20 @@ impl Problem {
 }
 
 impl WhitenedPoint {
+    /// An error beyond the domain of the lens, and so near to its end that the ray is known no more.
+    fn new(
+        index: usize,
+        point: Vector3<f64>,
+        pixel: &Vector2<f64>,
+        covariance_px: &Matrix2<f64>,
+        camera: &Camera,
+    ) -> Result<Self, ProjectionError> {
+        let (image, by_pixel) = camera.unproject_with_jacobian(pixel)?;
+        let normalised = by_pixel * covariance_px * by_pixel.transpose();
+        let whitening = whitening_of(&normalised).ok_or(ProjectionError::OutsideLens)?;
+        Ok(Self { index, point, ray: image.push(1.0).normalize(), image, whitening, variance: normalised.trace() })
+    }
+
     /// The whitened reprojection residual; `None` where the point is not in front of the camera.
     pub(super) fn residual(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         normalised(point_in_camera).ok().map(|projected| self.whitening * (projected - self.image))

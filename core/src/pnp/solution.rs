@@ -40,7 +40,7 @@ pub struct Doubts {
 }
 
 /// How well one point agrees with a pose.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Projection minus observation, pixels. Not finite where the pose projects the point to no pixel.
     pub error_px: Vector2<f64>,
@@ -48,6 +48,17 @@ pub struct Residual {
     pub squared: f64,
     /// Within the 99.9 % ellipse of its covariance; the pose and its covariance rest on these points alone.
     pub inlier: bool,
+    /// The point's pixel lies beyond the domain of the lens model: the point takes no part, as if it had not been seen.
+    pub outside_lens: bool,
+}
+
+impl Residual {
+    pub(super) const OUTSIDE: Self = Self {
+        error_px: Vector2::new(f64::INFINITY, f64::INFINITY),
+        squared: f64::INFINITY,
+        inlier: false,
+        outside_lens: true,
+    };
 }
 
 /// The pose of one problem and everything known about its quality.
@@ -98,10 +109,14 @@ impl Solution {
         self.residuals().iter().filter(|residual| residual.inlier).count()
     }
 
-    /// Root mean square reprojection error of the inliers, pixels.
+    /// Root mean square reprojection error of the inliers, pixels. Finite: an inlier at the end of the lens model's domain may
+    /// be projected to no pixel, and is not counted.
     #[must_use]
     pub fn rmse_px(&self) -> f64 {
         let squares = self.residuals().iter().filter(|r| r.inlier).map(|r| r.error_px.norm_squared());
-        (squares.sum::<f64>() / self.inlier_count().max(1) as f64).sqrt()
+        let (sum, count) = squares
+            .filter(|square| square.is_finite())
+            .fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+        (sum / f64::max(count, 1.0)).sqrt()
     }
 }

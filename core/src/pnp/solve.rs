@@ -37,6 +37,8 @@ pub struct Options {
     pub floor_px: f64,
     /// Fewer agreeing points than this make a pose `low_confidence`; fewer than 4 make it `rejected`.
     pub min_inliers: usize,
+    /// So does a smaller share of the points that were given: a pose that most of them contradict is not trusted.
+    pub min_inlier_share: f64,
     /// `chi2 / degrees_of_freedom` above this makes a pose `low_confidence`.
     pub max_reduced_chi2: f64,
     /// Weight of a second mode above which a pose is `ambiguous`.
@@ -48,13 +50,21 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { floor_px: 0.3, min_inliers: 5, max_reduced_chi2: 4.0, max_alternative_weight: 0.05, previous: None }
+        Self {
+            floor_px: 0.3,
+            min_inliers: 5,
+            min_inlier_share: 0.5,
+            max_reduced_chi2: 4.0,
+            max_alternative_weight: 0.05,
+            previous: None,
+        }
     }
 }
 
 /// Solves `camera_from_points` from 4 to 16 points (metres), their pixels and the pixels' 2x2 covariances (px²).
 ///
-/// The pixels belong to the image that `camera` belongs to; lens distortion is undone on them. Up to two alternatives
+/// The pixels belong to the image that `camera` belongs to; lens distortion is undone on them, and those beyond the domain of
+/// the lens model take no part ([`Residual::outside_lens`]), as long as 4 others are left. Up to two alternatives
 /// come with the pose: modes at least 15 degrees apart, weighted by `exp(-cost / 2) sqrt(det covariance)` (Laplace's
 /// approximation of their posterior). No heap is used. Same input, same bits.
 ///
@@ -84,7 +94,7 @@ pub fn solve(
 ) -> Result<Solution, PnpError> {
     let problem = Problem::new(points, pixels, covariances_px, camera, options.floor_px)?;
     let modes = find_modes(&problem, options.previous);
-    let mut solution = assemble(&problem, &modes, pixels, camera)?;
+    let mut solution = assemble(&problem, &modes, points, pixels, camera)?;
     judge(&mut solution, &modes, options);
     Ok(solution)
 }
@@ -209,17 +219,25 @@ fn inverse(refined: &Refined) -> Option<Covariance6> {
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-fn assemble(problem: &Problem, modes: &Modes, pixels: &[Vector2<f64>], camera: &Camera) -> Result<Solution, PnpError> {
-    let best = modes.best().ok_or(PnpError::NoPose)?;
-    let mut residuals = [Residual::default(); MAX_POINTS];
+fn assemble(
+    problem: &Problem,
+    modes: &Modes,
+    points: &[Vector3<f64>],
+    pixels: &[Vector2<f64>],
+    camera: &Camera,
+) -> Result<Solution, PnpError> {
+    // Also those points that took no part: nobody stands inside the object.
+    let in_front = |mode: &&Mode| points.iter().all(|point| mode.pose.transform(point).z > 0.0);
+    let best = modes.best().filter(in_front).ok_or(PnpError::NoPose)?;
+    let mut residuals = [Residual::OUTSIDE; MAX_POINTS];
     let mut chi2 = 0.0;
     let mut inliers = 0_usize;
-    for ((residual, seen), pixel) in residuals.iter_mut().zip(problem.observations()).zip(pixels) {
+    for seen in problem.observations() {
         let projected = camera.project(&best.pose.transform(&seen.point));
-        let error_px = projected.map_or(Vector2::repeat(f64::INFINITY), |projected| projected - pixel);
+        let error_px = projected.map_or(Vector2::repeat(f64::INFINITY), |projected| projected - pixels[seen.index]);
         let squared = seen.mahalanobis_squared(&best.pose);
         let inlier = squared < INLIER.limit;
-        *residual = Residual { error_px, squared, inlier };
+        residuals[seen.index] = Residual { error_px, squared, inlier, outside_lens: false };
         if inlier {
             inliers += 1;
             chi2 += squared;
@@ -239,7 +257,7 @@ fn assemble(problem: &Problem, modes: &Modes, pixels: &[Vector2<f64>], camera: &
         chi2,
         degrees_of_freedom,
         residuals,
-        points: problem.observations().len(),
+        points: pixels.len(),
         weight: weights[0],
         alternatives,
         status: Status::Ok,
@@ -273,7 +291,8 @@ fn judge(solution: &mut Solution, modes: &Modes, options: &Options) {
         planar_ambiguity: modes.iter().skip(1).any(|other| other.cost < limit)
             || solution.alternatives.iter().flatten().any(heavy),
         high_residual: solution.chi2 / solution.degrees_of_freedom.max(1) as f64 > options.max_reduced_chi2,
-        few_inliers: inliers < options.min_inliers,
+        few_inliers: inliers < options.min_inliers
+            || (inliers as f64) < options.min_inlier_share * solution.residuals().len() as f64,
     };
     let worst = [
         (doubts.planar_ambiguity, Status::Ambiguous),

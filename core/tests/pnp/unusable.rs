@@ -55,15 +55,47 @@ fn points_without_extent_are_refused() {
     assert_eq!(attempt(&scene.camera, &[Vector3::repeat(0.3); 8], &pixels, &unit), Err(PnpError::Degenerate));
 }
 
+/// One is left out, and said to be; too many are an error.
 #[test]
-fn pixels_outside_the_lens_are_named() {
+fn pixels_outside_the_lens_take_no_part() {
     let scene = Scene::new(62, 0);
     let points = cube(0.08);
-    let mut pixels = scene.project(&points);
-    let folded = scene.camera.with_opencv_distortion(&[-0.3, 0.0, 0.0, 0.0]).unwrap();
-    pixels[4] = Vector2::new(2000.0, 200.0);
-    let error = PnpError::Pixel { index: 4, source: ProjectionError::OutsideLens };
+    let folded = scene.camera.clone().with_opencv_distortion(&[-0.3, 0.0, 0.0, 0.0]).unwrap();
+    let right: Vec<_> = points.iter().map(|point| folded.project(&scene.pose.transform(point)).unwrap()).collect();
+    let mut pixels = right.clone();
+    for outside in [4, 0, 7] {
+        pixels[outside] = Vector2::new(2000.0, 200.0);
+        let solution = solve(&points, &pixels, &[Matrix2::identity(); 8], &folded, &exact()).unwrap();
+        assert!(scene.error_deg(&solution.pose) < 1e-3);
+        for (index, residual) in solution.residuals().iter().enumerate() {
+            let left_out = pixels[index] != right[index];
+            assert_eq!((residual.outside_lens, residual.inlier), (left_out, !left_out));
+            assert_eq!(residual.error_px.norm() < 1e-3, !left_out);
+        }
+        assert!(solution.rmse_px() < 1e-3);
+    }
+    for outside in [1, 2] {
+        pixels[outside] = Vector2::new(2000.0, 200.0);
+    }
+    let error = PnpError::Pixel { index: 0, source: ProjectionError::OutsideLens };
     assert_eq!(attempt(&folded, &points, &pixels, &[Matrix2::identity(); 8]), Err(error));
+}
+
+/// Six points that agree are enough of eight, and not of fourteen.
+#[test]
+fn few_inliers_are_also_a_small_share() {
+    let scene = Scene::new(64, 0);
+    let mut points = cube(0.08);
+    points.extend((0..6).map(|k| Vector3::ith(k / 2, if k % 2 == 0 { 0.07 } else { -0.07 })));
+    let mut pixels = scene.project(&points);
+    for (wrong, pixel) in pixels.iter_mut().enumerate().skip(6) {
+        *pixel += Vector2::new(40.0 * if wrong % 2 == 0 { 1.0 } else { -1.0 }, 9.0 * wrong as f64);
+    }
+    for (given, few) in [(8, false), (12, false), (13, true), (14, true)] {
+        let unit = vec![Matrix2::identity(); given];
+        let solution = solve(&points[..given], &pixels[..given], &unit, &scene.camera, &exact()).unwrap();
+        assert_eq!((solution.inlier_count(), solution.doubts.few_inliers), (6, few), "of {given}");
+    }
 }
 
 /// Pixels without any relation to the points, huge and tiny ones too: an error or a finite pose in front of the camera.

@@ -18,48 +18,50 @@ pub enum ElementType {
     Uint8,
     /// `(byte / 255 - mean) / std`.
     Float32,
+    /// The same in 16 bits.
+    Float16,
 }
 
-/// How bytes become floats.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Normalisation {
-    pub mean: [f32; 3],
-    pub std: [f32; 3],
+/// Order of a pixel's colours.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Channels {
+    #[default]
+    Rgb,
+    Bgr,
 }
 
-impl Normalisation {
-    /// By default nothing is subtracted and nothing divided by.
-    pub(super) fn new(mean: Option<[f32; 3]>, std: Option<[f32; 3]>) -> Self {
-        Self { mean: mean.unwrap_or([0.0; 3]), std: std.unwrap_or([1.0; 3]) }
+/// How pixels are handed to a network.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelFormat {
+    pub layout: Layout,
+    pub dtype: ElementType,
+    pub channels: Channels,
+    /// Of pixels in 0..1, in the order of `channels`; `None` subtracts nothing.
+    pub mean: Option<[f32; 3]>,
+    /// As `mean`; `None` divides by nothing.
+    pub std: Option<[f32; 3]>,
+}
+
+impl PixelFormat {
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        let Self { dtype, mean, std, .. } = self;
+        match (dtype, mean, std) {
+            (ElementType::Uint8, Some(_), _) => return Err(("input.mean", not_for_bytes())),
+            (ElementType::Uint8, None, Some(_)) => return Err(("input.std", not_for_bytes())),
+            (ElementType::Uint8, None, None) | (ElementType::Float32 | ElementType::Float16, _, _) => {}
+        }
+        let unit = "pixels are in 0..1 here: divide values for 0..255 by 255";
+        if let Some(mean) = mean.filter(|mean| !mean.iter().all(|m| (-1.0..=1.0).contains(m))) {
+            return Err(("input.mean", format!("is {mean:?}; it must be between -1 and 1 ({unit})")));
+        }
+        if let Some(std) = std.filter(|std| !std.iter().all(|s| (1e-3..=10.0).contains(s))) {
+            return Err(("input.std", format!("is {std:?}; it must be between 0.001 and 10 ({unit})")));
+        }
+        Ok(())
     }
 }
 
-/// Raw bytes come as rows of pixels, floats as planes: nobody exports anything else.
-pub(super) fn check(
-    layout: Layout,
-    dtype: ElementType,
-    mean: Option<[f32; 3]>,
-    std: Option<[f32; 3]>,
-) -> Result<(), Invalid> {
-    match (layout, dtype) {
-        (Layout::Nhwc, ElementType::Uint8) => match (mean, std) {
-            (None, None) => Ok(()),
-            (Some(_), _) | (None, Some(_)) => {
-                Err(("input.mean", "and 'std' are for 'dtype': \"float32\"; raw bytes are not normalised".into()))
-            }
-        },
-        (Layout::Nchw, ElementType::Float32) => {
-            let Normalisation { mean, std } = Normalisation::new(mean, std);
-            if !mean.iter().all(|m| m.is_finite()) {
-                return Err(("input.mean", "has a value that is not finite".into()));
-            }
-            if !std.iter().all(|s| *s > 1e-6 && s.is_finite()) {
-                return Err(("input.std", "has a value that is not positive".into()));
-            }
-            Ok(())
-        }
-        (Layout::Nhwc, ElementType::Float32) | (Layout::Nchw, ElementType::Uint8) => {
-            Err(("input.layout", "and 'dtype' must be nhwc with uint8, or nchw with float32".into()))
-        }
-    }
+fn not_for_bytes() -> String {
+    "is for 'dtype': \"float32\" or \"float16\"; raw bytes are not normalised".into()
 }

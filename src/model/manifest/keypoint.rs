@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::file::{Invalid, ManifestError, check_name, read_manifest};
-use super::input::{self, ElementType, Layout, Normalisation};
+use super::input::{Channels, ElementType, Layout, PixelFormat};
 use posed_core::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
 use posed_core::pnp::{MAX_POINTS, MIN_POINTS};
 
@@ -81,12 +81,14 @@ fn one_crop() -> Vec<CropVariant> {
     vec![CropVariant::PLAIN]
 }
 
-/// A batch of square RGB crops.
+/// A batch of square crops.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeypointInput {
     pub layout: Layout,
     pub dtype: ElementType,
+    #[serde(default)]
+    pub channels: Channels,
     /// Side of the square crop, pixels.
     pub size: u32,
     /// Mean of each channel, of pixels in 0..1: for floats.
@@ -108,8 +110,9 @@ pub enum KeypointOutput {
 
 impl KeypointInput {
     #[must_use]
-    pub fn normalisation(&self) -> Normalisation {
-        Normalisation::new(self.mean, self.std)
+    pub fn pixels(&self) -> PixelFormat {
+        let Self { layout, dtype, channels, mean, std, .. } = *self;
+        PixelFormat { layout, dtype, channels, mean, std }
     }
 }
 
@@ -155,6 +158,12 @@ impl KeypointManifest {
         if extreme {
             return Err(("virtual_keypoints_m", "has a coordinate beyond 10 m; the unit must be metres".into()));
         }
+        if lie_on_a_line(&self.keypoints()) {
+            return Err((
+                "virtual_keypoints_m",
+                "are all in one place or on one line; no pose follows from them".into(),
+            ));
+        }
         if !(0.005..=5.0).contains(&self.diameter_m) {
             let value = self.diameter_m;
             return Err(("diameter_m", format!("is {value}; it must be between 0.005 and 5, in metres")));
@@ -178,7 +187,7 @@ impl KeypointManifest {
         if !(16..=1024).contains(&self.input.size) {
             return Err(("input.size", format!("is {}; it must be between 16 and 1024", self.input.size)));
         }
-        input::check(self.input.layout, self.input.dtype, self.input.mean, self.input.std)?;
+        self.input.pixels().check()?;
         if self.covariance_scale.len() != count {
             let given = self.covariance_scale.len();
             return Err((
@@ -186,9 +195,17 @@ impl KeypointManifest {
                 format!("has {given} factors for {count} keypoints; it must have one for each"),
             ));
         }
-        if !self.covariance_scale.iter().all(|s| *s > 0.0 && *s < 1e6) {
-            return Err(("covariance_scale", "has a factor that is not a positive number".into()));
+        if let Some(scale) = self.covariance_scale.iter().find(|scale| !(1e-6..=1e6).contains(*scale)) {
+            return Err(("covariance_scale", format!("has the factor {scale}; each must be between 1e-6 and 1e6")));
         }
         Ok(())
     }
+}
+
+/// Whether points span less than a plane, to a ten-thousandth of their extent.
+fn lie_on_a_line(points: &[Vector3<f64>]) -> bool {
+    let spans = || points.iter().map(|point| point - points[0]);
+    let longest = spans().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
+    let length = longest.norm();
+    length < 1e-6 || spans().all(|span| span.cross(&longest).norm() < 1e-4 * length * length)
 }

@@ -5,9 +5,9 @@ mod file;
 mod input;
 mod keypoint;
 
-pub use detector::{DetectorFormat, DetectorInput, DetectorManifest, Placement};
+pub use detector::{Coordinates, DetectorFormat, DetectorInput, DetectorManifest, Placement};
 pub use file::ManifestError;
 pub(super) use file::{MAX_JSON_BYTES, read_bytes, read_model, sha256_hex};
 pub(crate) use file::{read_json, read_regular};
-pub use input::{ElementType, Layout, Normalisation};
+pub use input::{Channels, ElementType, Layout, PixelFormat};
 pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput, SecondLook};

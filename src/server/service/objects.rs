@@ -12,6 +12,8 @@ use crate::model::{InForce, ObjectModel};
 pub(crate) struct KnownObject<'a> {
     pub model: &'a ObjectModel,
     pub reference: Option<Arc<InForce>>,
+    /// Why it has none, where there is a file of one.
+    pub reference_problem: Option<String>,
 }
 
 impl Service {
@@ -38,6 +40,7 @@ impl Service {
     }
 
     fn with_reference<'a>(&self, model: &'a ObjectModel) -> KnownObject<'a> {
-        KnownObject { model, reference: self.references.get(&model.manifest.name) }
+        let name = &model.manifest.name;
+        KnownObject { model, reference: self.references.get(name), reference_problem: self.references.problem(name) }
     }
 }

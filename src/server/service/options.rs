@@ -65,7 +65,9 @@ impl Service {
         for name in objects.iter().flatten() {
             self.model(name)?;
             if !self.is_calibrated(name) {
-                let message = format!("object {name:?} is not calibrated; calibrate it with `posed calibrate {name}`");
+                let problem = self.references.problem(name);
+                let problem = problem.unwrap_or_else(|| format!("calibrate it with `posed calibrate {name}`"));
+                let message = format!("object {name:?} is not calibrated; {problem}");
                 return Err(Failure::new(FailureKind::NotCalibrated, message));
             }
         }

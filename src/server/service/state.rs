@@ -64,7 +64,7 @@ impl Service {
     pub(crate) fn load(config: &Config, connections: Connections, access: Access) -> Result<Self, LoadFailure> {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
         let library = Arc::new(Library::load(&config.models)?);
-        let references = Arc::new(References::load(&config.reference, &library).map_err(LoadError::from)?);
+        let references = Arc::new(References::load_usable(&config.reference, &library).map_err(LoadError::from)?);
         if config.recalibration {
             references.check_writable().map_err(LoadError::from)?;
         }
@@ -146,7 +146,9 @@ fn tell_what_is_served(library: &Library, references: &References, config: &Conf
     let (calibrated, uncalibrated): (Vec<&str>, Vec<&str>) =
         library.known().map(|object| object.manifest.name.as_str()).partition(is_calibrated);
     for name in uncalibrated {
-        tracing::warn!("object {name} is not available: it is not calibrated; run `posed calibrate {name}`");
+        let problem = references.problem(name);
+        let problem = problem.unwrap_or_else(|| format!("it is not calibrated; run `posed calibrate {name}`"));
+        tracing::warn!("object {name} is not available: {problem}");
     }
     tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
 }

@@ -19,7 +19,10 @@ pub struct CameraFile {
     fy: f64,
     cx: f64,
     cy: f64,
-    /// `opencv`: 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`; `fisheye`: 4.
+    /// Of the camera matrix, pixels. Must be 0: it is read so that others are refused with a reason.
+    #[serde(default, skip_serializing)]
+    skew: f64,
+    /// `opencv`: 4, 5, 8, 12 or 14 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [0 0]]]]`; `fisheye`: 4.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     distortion: Vec<f64>,
 }
@@ -40,6 +43,9 @@ impl TryFrom<CameraFile> for Camera {
     type Error = CameraError;
 
     fn try_from(file: CameraFile) -> Result<Self, CameraError> {
+        if file.skew != 0.0 {
+            return Err(CameraError::Skew(file.skew));
+        }
         let camera = Self::pinhole(file.fx, file.fy, file.cx, file.cy)?;
         let camera = match file.model {
             CameraModel::Pinhole if file.distortion.is_empty() => camera,
@@ -70,6 +76,7 @@ impl From<Camera> for CameraFile {
             fy: camera.fy,
             cx: camera.cx,
             cy: camera.cy,
+            skew: 0.0,
             distortion,
         }
     }
@@ -101,6 +108,18 @@ mod tests {
         }
     }
 
+    /// As `calibrateCamera` writes it with every flag but the tilted one, and as other tools write a matrix without skew.
+    #[test]
+    fn zeros_that_say_nothing_are_read() {
+        let read = |more: &str, zeros: &str| {
+            let text = format!(
+                r#"{{"model":"opencv","fx":600,"fy":600,"cx":320,"cy":240,{more}"distortion":[0.1,0,0,0,0,0,0,0,0,0,0,0{zeros}]}}"#
+            );
+            serde_json::from_str::<Camera>(&text).unwrap()
+        };
+        assert_eq!(read(r#""skew":0,"#, ",0,-0.0"), read("", ""));
+    }
+
     #[test]
     fn bad_parameters_name_their_field() {
         let error = |json: &str| serde_json::from_str::<Camera>(json).unwrap_err().to_string();
@@ -109,7 +128,10 @@ mod tests {
         assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"width":5}"#).contains("'height'"));
         assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"k1":0}"#).contains("k1"));
         assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"distortion":[0.1]}"#).contains("pinhole"));
-        assert!(error(r#"{"model":"opencv","fx":1,"fy":1,"cx":0,"cy":0}"#).contains("4, 5, 8 or 12"));
+        assert!(error(r#"{"model":"opencv","fx":1,"fy":1,"cx":0,"cy":0}"#).contains("4, 5, 8, 12 or 14"));
+        assert!(error(r#"{"model":"pinhole","fx":1,"fy":1,"cx":0,"cy":0,"skew":0.4}"#).contains("'skew' is 0.4"));
+        let tilted = r#"{"model":"opencv","fx":1,"fy":1,"cx":0,"cy":0,"distortion":[0,0,0,0,0,0,0,0,0,0,0,0,0,0.02]}"#;
+        assert!(error(tilted).contains("tau_y = 0.02"));
         assert!(error(r#"{"model":"fisheye","fx":1,"fy":1,"cx":0,"cy":0,"distortion":[1]}"#).contains("needs 4"));
         assert!(error(r#"{"model":"tilted","fx":1,"fy":1,"cx":0,"cy":0}"#).contains("tilted"));
     }

@@ -55,6 +55,15 @@ pub enum CameraError {
     DistortionCount { model: &'static str, expected: &'static str, given: usize },
     #[error("camera field 'distortion': value {index} is not finite")]
     DistortionValue { index: usize },
+    #[error(
+        "camera field 'distortion' tilts the sensor (values 13 and 14, tau_x = {tau_x} and tau_y = {tau_y}), which is not \
+         supported; calibrate without CALIB_TILTED_MODEL"
+    )]
+    Tilt { tau_x: f64, tau_y: f64 },
+    #[error(
+        "camera field 'skew' is {0}; pixels with a skew are not supported: rectify the images, or calibrate without skew"
+    )]
+    Skew(f64),
 }
 
 impl Camera {
@@ -74,19 +83,26 @@ impl Camera {
         Ok(Self { fx, fy, cx, cy, lens: Lens::new(Model::Pinhole), size: None })
     }
 
-    /// The same camera with OpenCV's lens model: `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`.
+    /// The same camera with OpenCV's lens model: `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. The tilts must
+    /// be 0.
     ///
     /// # Errors
-    /// When there are not 4, 5, 8 or 12 finite coefficients.
+    /// When there are not 4, 5, 8, 12 or 14 finite coefficients, or the sensor is tilted.
     pub fn with_opencv_distortion(self, coefficients: &[f64]) -> Result<Self, CameraError> {
-        if !matches!(coefficients.len(), 4 | 5 | 8 | 12) {
+        if !matches!(coefficients.len(), 4 | 5 | 8 | 12 | 14) {
             return Err(CameraError::DistortionCount {
                 model: "opencv",
-                expected: "4, 5, 8 or 12",
+                expected: "4, 5, 8, 12 or 14",
                 given: coefficients.len(),
             });
         }
         check_finite(coefficients)?;
+        let (coefficients, tilts) = coefficients.split_at(coefficients.len().min(12));
+        if let [tau_x, tau_y] = *tilts
+            && (tau_x != 0.0 || tau_y != 0.0)
+        {
+            return Err(CameraError::Tilt { tau_x, tau_y });
+        }
         let mut all = [0.0; 12];
         all[..coefficients.len()].copy_from_slice(coefficients);
         Ok(Self { lens: Lens::new(Model::OpenCv { coefficients: all, stated: coefficients.len() }), ..self })

@@ -42,7 +42,8 @@ pub(crate) struct CameraForm {
     fy: f64,
     cx: f64,
     cy: f64,
-    /// For `opencv`, 4, 5, 8 or 12 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`. For `fisheye`, 4.
+    /// For `opencv`, 4, 5, 8, 12 or 14 coefficients `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. The tilts
+    /// must be 0. For `fisheye`, 4.
     distortion: Option<Vec<f64>>,
 }
 

@@ -5,6 +5,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::estimator::MAX_DETECTIONS;
 use crate::model::{InForce, Method};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
 use crate::vision::{OrientationPolicy, RawEncoding};
@@ -27,6 +28,9 @@ pub(crate) struct ObjectReport {
     model_sha256: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     reference: Option<ReferenceReport>,
+    /// Why the reference of the object is not in use. Present if there is one that is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reference_problem: Option<String>,
 }
 
 /// The calibration of the object's frame.
@@ -68,6 +72,8 @@ pub(crate) struct LimitsReport {
     max_pixels: u64,
     /// Maximum number of images in a request to `/v1/poses/batch`.
     max_batch_images: usize,
+    /// Maximum number of objects in one image. An answer that reached it has `truncated`.
+    max_detections: usize,
     /// Maximum number of images that are waiting or in progress.
     queue: usize,
     /// Maximum size of all request bodies together. A body counts until its answer has left.
@@ -116,6 +122,7 @@ impl From<&Limits> for LimitsReport {
             max_side_px: limits.max_side_px,
             max_pixels: limits.max_pixels,
             max_batch_images: limits.max_batch_images,
+            max_detections: MAX_DETECTIONS,
             queue: limits.queue,
             queue_bytes: limits.queue_bytes,
             pixel_bytes: limits.pixel_bytes,
@@ -140,7 +147,7 @@ impl From<&MemoryBound> for MemoryReport {
 
 impl From<KnownObject<'_>> for ObjectReport {
     fn from(object: KnownObject<'_>) -> Self {
-        let KnownObject { model, reference } = object;
+        let KnownObject { model, reference, reference_problem } = object;
         let manifest = &model.manifest;
         Self {
             name: manifest.name.clone(),
@@ -151,6 +158,7 @@ impl From<KnownObject<'_>> for ObjectReport {
             symmetric: !(manifest.symmetries_discrete.is_empty() && manifest.symmetries_continuous.is_empty()),
             model_sha256: manifest.model_sha256.clone(),
             reference: reference.as_deref().map(ReferenceReport::from),
+            reference_problem,
         }
     }
 }

@@ -38,6 +38,9 @@ pub struct Report {
     pub image: ImageReport,
     /// Sorted by status, then by confidence: the most trusted pose comes first.
     pub poses: Vec<PoseReport>,
+    /// Whether objects may be missing, because the number of detections reached a limit: `max_detections` in
+    /// `GET /v1/limits`, or the detector's own. Ask for fewer objects (`objects`), or raise `min_confidence`.
+    pub truncated: bool,
     pub timings_ms: TimingsReport,
     pub models: ModelsReport,
 }
@@ -106,6 +109,8 @@ pub struct SolvedReport {
     /// Number of keypoints that the pose is computed from.
     pub inliers: usize,
     pub keypoints: Vec<KeypointReport>,
+    /// Number of keypoints beyond the domain of the lens model. The pose is computed without them.
+    pub keypoints_outside_lens: usize,
     /// Posterior weight of this pose relative to the alternatives, 0..1.
     pub weight: f64,
     /// Other poses that explain the image about as well.
@@ -117,8 +122,10 @@ pub struct SolvedReport {
 pub struct KeypointReport {
     /// Position (u, v) in the posted image, pixels.
     pub pixel: [f64; 2],
-    /// Distance from the projection of the pose.
-    pub residual_px: f64,
+    /// Distance from the projection of the pose. Absent if the keypoint or the projection is beyond the domain of the lens
+    /// model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_px: Option<f64>,
     /// Probability mass around the keypoint, 0..1.
     pub peak: f64,
     /// Whether the pose is computed from this keypoint.
@@ -180,6 +187,7 @@ impl Report {
                 camera_scaled_from: answer.estimate.camera_scaled_from.map(|(width, height)| [width, height]),
             },
             poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),
+            truncated: answer.estimate.truncated,
             timings_ms: TimingsReport {
                 queue: milliseconds(answer.queued),
                 decode: milliseconds(answer.decode),
@@ -222,6 +230,7 @@ impl SolvedReport {
             reprojection_rmse_px: round(solved.reprojection_rmse_px),
             inliers: solved.inlier_count(),
             keypoints: solved.keypoints.iter().map(KeypointReport::from).collect(),
+            keypoints_outside_lens: solved.outside_lens,
             weight: round(solved.weight),
             alternatives: solved
                 .alternatives
@@ -236,7 +245,7 @@ impl From<&SolvedKeypoint> for KeypointReport {
     fn from(keypoint: &SolvedKeypoint) -> Self {
         Self {
             pixel: [keypoint.pixel.x, keypoint.pixel.y].map(round),
-            residual_px: round(keypoint.residual_px),
+            residual_px: keypoint.residual_px.map(round),
             peak: round(keypoint.peak),
             inlier: keypoint.inlier,
         }

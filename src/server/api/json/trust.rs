@@ -48,6 +48,8 @@ pub enum ReasonForm {
     GreyImage,
     /// The image is nearly black.
     DarkImage,
+    /// The network returned values that are not finite numbers, so there is no pose.
+    NotFinite,
 }
 
 impl From<Status> for StatusForm {
@@ -75,6 +77,7 @@ impl From<Reason> for ReasonForm {
             Reason::CameraSuspect => Self::CameraSuspect,
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
+            Reason::NotFinite => Self::NotFinite,
         }
     }
 }

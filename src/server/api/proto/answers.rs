@@ -19,6 +19,7 @@ pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
         keypoints: manifest.virtual_keypoints_m.len() as u32,
         model_sha256: manifest.model_sha256.clone(),
         reference_sha256: object.reference.as_ref().map(|in_force| in_force.sha256.clone()).unwrap_or_default(),
+        reference_problem: object.reference_problem.clone().unwrap_or_default(),
     }
 }
 
@@ -40,6 +41,7 @@ pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse)
             batch_size: answer.batch_size as u32,
         }),
         poses: answer.estimate.poses.iter().map(|found| object_pose(found, &options.frames)).collect(),
+        truncated: answer.estimate.truncated,
         captured_at: options.captured_at.clone().unwrap_or_default(),
         exif_orientation: answer.exif.orientation.into(),
         exif_applied: answer.exif.applied,
@@ -83,6 +85,7 @@ fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose 
         reprojection_rmse_px: solved.reprojection_rmse_px,
         inliers: solved.inlier_count() as u32,
         keypoints: solved.keypoints.iter().map(Into::into).collect(),
+        keypoints_outside_lens: solved.outside_lens as u32,
         weight: solved.weight,
         alternatives: solved
             .alternatives
@@ -144,6 +147,7 @@ impl From<Reason> for proto::Reason {
             Reason::CameraSuspect => Self::CameraSuspect,
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
+            Reason::NotFinite => Self::NotFinite,
         }
     }
 }
