@@ -15,6 +15,6 @@ fuzz_target!(|bytes: &[u8]| {
                 let _ = manifest.symmetries();
             }
         }
-        _ => drop(Reference::read(file.path(), &"0".repeat(64))),
+        _ => drop(Reference::read(file.path(), "cube", &"0".repeat(64))),
     }
 });
