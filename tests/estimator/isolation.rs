@@ -11,8 +11,8 @@ use posed_core::pnp::Status;
 use serde_json::json;
 
 use crate::script::{
-    BOX, Manifests, Models, Script, batch_of, brightness, camera, end2end, image, keypoints, keypoints_in_crop, output,
-    truth,
+    BOX, Manifests, Models, Script, batch_of, brightness, camera, colour, end2end, image, keypoints, keypoints_in_crop,
+    output, truth,
 };
 
 /// Images or crops of this brightness are the script's cue.
@@ -80,7 +80,7 @@ fn values_that_are_no_numbers_spoil_their_own_box() {
             Ok(spoilt(cues.len(), name, |crop| cues[crop] == CUE))
         });
         let middle = (BOX[0] + BOX[2] + 3.0) as u32;
-        let halves = RgbImage::from_fn(320, 256, |x, _| image::Rgb([if x < middle { 10 } else { CUE }; 3]));
+        let halves = RgbImage::from_fn(320, 256, |x, _| colour(if x < middle { 10 } else { CUE }));
         let script = Script { detector, keypoints: net, ..Script::default() };
         let answers = estimate_all(&Manifests::default(), script, &[halves, image(10)]);
         let [good, bad] = &answers[0].as_ref().unwrap().poses[..] else { panic!("two boxes, two answers") };

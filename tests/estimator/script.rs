@@ -183,7 +183,12 @@ pub fn png(brightness: u8) -> Vec<u8> {
 }
 
 pub fn image(brightness: u8) -> RgbImage {
-    RgbImage::from_pixel(WIDTH, HEIGHT, image::Rgb([brightness, 255 - brightness, 128]))
+    RgbImage::from_pixel(WIDTH, HEIGHT, colour(brightness))
+}
+
+/// Of an image that is told by its brightness: not grey, which no network is asked to judge.
+pub fn colour(brightness: u8) -> image::Rgb<u8> {
+    image::Rgb([brightness, 255 - brightness, 128])
 }
 
 /// The brightness of the first image of an input of bytes.
