@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
-use crate::estimator::{CalibrateOptions, KeypointSolver, MeasuredView, calibrate};
+use crate::estimator::{CalibrateOptions, KeypointSolver, MeasuredView, calibrate, no_view_twice};
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
 use crate::vision::{BoundingBox, DecodeOptions, Image, decode, encode, read_image};
@@ -131,6 +131,8 @@ impl Calibrate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let model = ObjectModel::load(&self.models.models, &self.object)?;
         let known = self.known(&model)?;
+        let stated = known.iter().map(|known| (known.path.display().to_string(), known.camera_from_object));
+        no_view_twice(&stated.collect::<Vec<_>>())?;
         let mut solver = KeypointSolver::new(&model, &self.models.runtime()?)?;
         let mut views = Vec::with_capacity(known.len());
         let mut files = Vec::with_capacity(known.len());

@@ -1,7 +1,7 @@
 use thiserror::Error;
 
 use super::answer::MeasureError;
-use super::stated_pose::{StatedPoseError, no_view_twice, origin_is_near};
+use super::stated_pose::{StatedPoseError, origin_is_near};
 use super::verdict::{Reason, Verdict};
 use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
 use crate::vision::BoundingBox;
@@ -54,7 +54,6 @@ pub fn calibrate(
     options: CalibrateOptions,
 ) -> Result<Reference, CalibrateError> {
     let CalibrateOptions { mode, far_origin } = options;
-    no_view_twice(&views.iter().map(|view| (view.file.as_str(), &view.camera_from_object)).collect::<Vec<_>>())?;
     let measured = |view: &MeasuredView| {
         let offset = measure_offset(&view.camera_from_object, &view.solution);
         offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })

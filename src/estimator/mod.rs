@@ -36,7 +36,7 @@ pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
 pub use queue::{Queue, QueueConfig};
 pub use solver::KeypointSolver;
-pub use stated_pose::StatedPoseError;
+pub use stated_pose::{StatedPoseError, no_view_twice};
 pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
 pub use worker::StartError;

@@ -31,14 +31,17 @@ const SAME_TURN_RAD: f64 = 1e-4;
 /// One view twice would count as two measurements, and its error as half as large.
 ///
 /// `views` are names of images and the poses `camera_from_object` that are stated for them.
-pub(super) fn no_view_twice(views: &[(&str, &Pose)]) -> Result<(), StatedPoseError> {
+///
+/// # Errors
+/// [`StatedPoseError::SameView`] names the two.
+pub fn no_view_twice(views: &[(String, Pose)]) -> Result<(), StatedPoseError> {
     for (index, (second, pose)) in views.iter().enumerate() {
-        let same = |(_, other): &&(&str, &Pose)| {
-            let change = other.inverse() * **pose;
+        let same = |(_, other): &&(String, Pose)| {
+            let change = other.inverse() * *pose;
             change.translation().norm() < SAME_PLACE_M && change.rotation().angle() < SAME_TURN_RAD
         };
         if let Some((first, _)) = views[..index].iter().find(same) {
-            return Err(StatedPoseError::SameView { first: (*first).into(), second: (*second).into() });
+            return Err(StatedPoseError::SameView { first: first.clone(), second: second.clone() });
         }
     }
     Ok(())

@@ -62,6 +62,7 @@ async fn what_cannot_be_measured_changes_nothing() {
         value!({"references": [known]})
     };
     let image = read(&samples()[0].file);
+    let twice = value!({"references": [{"camera": "demo", "camera_from_object": pose}, {"camera": "demo", "camera_from_object": pose}]});
     let cases = [
         ("teapot", vec![image.clone()], known(&value!({})), StatusCode::NOT_FOUND, "known objects"),
         (
@@ -70,6 +71,14 @@ async fn what_cannot_be_measured_changes_nothing() {
             known(&value!({})),
             StatusCode::BAD_REQUEST,
             "2 parts 'image' for 1",
+        ),
+        // It would count as two measurements.
+        (
+            "cube",
+            vec![image.clone(); 2],
+            twice,
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "image 0 and image 1 have the same pose",
         ),
         ("cube", vec![image.clone()], known(&value!({"colour": 1})), StatusCode::BAD_REQUEST, "colour"),
         ("cube", vec![image.clone()], known(&value!({"camera": "left"})), StatusCode::NOT_FOUND, "left"),

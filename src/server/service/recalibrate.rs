@@ -9,7 +9,10 @@ use tokio::sync::Mutex;
 use super::failure::{Failure, FailureKind};
 use super::options::CameraChoice;
 use super::state::Service;
-use crate::estimator::{Abandoned, BodyLease, CalibrateOptions, MeasuredView, QueueError, ReferenceWork, calibrate};
+use crate::estimator::{
+    Abandoned, BodyLease, CalibrateError, CalibrateOptions, MeasuredView, QueueError, ReferenceWork, calibrate,
+    no_view_twice,
+};
 use crate::model::{InForce, References};
 use crate::vision::{BoundingBox, Image};
 
@@ -49,6 +52,8 @@ impl Service {
         let Recalibration { object, views, options, body, deadline } = asked;
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
         self.model(&object)?;
+        let stated = views.iter().enumerate().map(|(index, view)| (format!("image {index}"), view.camera_from_object));
+        no_view_twice(&stated.collect::<Vec<_>>()).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
         let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
         let mut measured = Vec::with_capacity(views.len());
