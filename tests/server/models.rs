@@ -48,7 +48,7 @@ async fn an_object_whose_reference_belongs_to_another_network_goes_without() {
     let box_px = answer["poses"][0]["detection"]["box_px"].clone();
     assert!(known.iter().any(|known| known.object == "cube") && box_px.is_array());
     let pose = value!({"rotation_xyzw": [0, 0, 0, 1], "translation_m": [x, y, z]});
-    let request = value!({"references": [{"camera": "demo", "camera_from_object": pose}]});
+    let request = value!({"references": [{"camera": "demo", "camera_from_object": pose}], "far_origin": true});
     let form =
         Form::new().part("image", Part::bytes(image.clone()).file_name("image")).text("request", request.to_string());
     let url = server.url("/v1/objects/cube/reference");
