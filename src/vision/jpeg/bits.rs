@@ -1,4 +1,4 @@
-use super::Fault;
+use super::fault::Fault;
 
 /// The entropy-coded data of a scan, up to the next marker.
 pub(super) struct Bits<'a> {

@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 
-use super::Fault;
 use super::bits::Bits;
+use super::fault::Fault;
 use super::huffman::Table;
 
 /// A code for a run of zeros, and for nothing else.

@@ -1,5 +1,5 @@
 use super::block::{Ranges, range};
-use super::{Fault, SHORT};
+use super::fault::{Fault, SHORT};
 
 /// What a picture is made of (T.81, B.2.2).
 pub(super) struct Frame {

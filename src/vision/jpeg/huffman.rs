@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 
 use super::bits::Bits;
-use super::{Fault, SHORT};
+use super::fault::{Fault, SHORT};
 
 /// Bits that are looked up at once; longer codes are rare.
 const QUICK: u32 = 9;

@@ -4,36 +4,18 @@
 
 mod bits;
 mod block;
+mod fault;
 mod frame;
 mod huffman;
 mod scan;
 
 use std::borrow::Cow;
 
+pub(super) use fault::Fault;
+use fault::SHORT;
 use frame::{Frame, QuantisationSteps};
 use huffman::{TYPICAL, Tables};
 use scan::Scan;
-
-/// Why a JPEG is not whole.
-#[derive(Debug)]
-pub(super) enum Fault {
-    /// The file ends where more must follow.
-    Ends,
-    /// In words that follow "the image is damaged: ".
-    Damaged(Cow<'static, str>),
-}
-
-impl From<&'static str> for Fault {
-    fn from(words: &'static str) -> Self {
-        Self::Damaged(words.into())
-    }
-}
-
-impl From<String> for Fault {
-    fn from(words: String) -> Self {
-        Self::Damaged(words.into())
-    }
-}
 
 /// More scans than this are an attack: each costs a pass over all blocks, and states in a few bytes that none changes.
 const MAX_SCANS: usize = 100;
@@ -100,7 +82,6 @@ fn check(bytes: &[u8]) -> Result<Whole, Fault> {
 
 const END_OF_IMAGE: u8 = 0xD9;
 const DEFINE_TABLES: u8 = 0xC4;
-const SHORT: Fault = Fault::Damaged(Cow::Borrowed("one of its segments is too short"));
 
 /// Cameras leave a few bytes between a scan and the next marker; more than this are part of a picture.
 const MAX_STRAY_BYTES: usize = 16;

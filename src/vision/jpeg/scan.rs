@@ -1,8 +1,8 @@
 use super::bits::Bits;
 use super::block::{Progressive, dc_first, sequential};
+use super::fault::{Fault, SHORT};
 use super::frame::{Component, Frame, QuantisationSteps};
 use super::huffman::Tables;
-use super::{Fault, SHORT};
 
 /// A pass over some components, of a progressive picture over some of their coefficients (T.81, B.2.3).
 pub(super) struct Scan {
