@@ -66,10 +66,8 @@ async fn batch(world: Arc<World>, round: usize) -> Outcome {
         };
         items.len() == samples.len() && items.iter().zip(&samples).all(right)
     });
-    match judged.await {
-        Outcome::Answered => refused.unwrap_or(Outcome::Answered),
-        other => other,
-    }
+    let outcome = judged.await;
+    if matches!(outcome, Outcome::Answered) { refused.unwrap_or(outcome) } else { outcome }
 }
 
 /// An image of a form.

@@ -66,12 +66,9 @@ async fn soak(time: Duration) -> Report {
     };
     let (warm, warm_at) = tokio::select! {
         done = phases() => done,
-        () = watch::memory(&server, start, &mut memory) => (Quiet::default(), warm_up),
+        () = watch::memory(&server, start, &mut memory) => (None, warm_up),
     };
-    let end = match server.memory() {
-        Some(_) => Some(quiet(&server).await),
-        None => None,
-    };
+    let end = quiet(&server).await;
     memory.retain(|sample| sample.at >= warm_at);
     Report { warm_up, soak, book, warm, end, memory, peak: server.memory(), bound_mib, probed: probes.end() }
 }
@@ -83,11 +80,13 @@ async fn load(server: &Server, material: &Arc<Material>, book: &Arc<Book>, time:
     world::run(&world, clients.into_iter().flatten().collect(), time).await;
 }
 
-async fn quiet(server: &Server) -> Quiet {
+/// `None` once it is dead.
+async fn quiet(server: &Server) -> Option<Quiet> {
+    server.memory()?;
     tokio::time::sleep(SETTLE).await;
     // Before the question below opens a connection of its own.
-    let (sockets, threads, mib) = (server.sockets(), server.threads(), server.rss_mib());
+    let (sockets, threads, mib) = (server.sockets(), server.threads(), server.memory()?.now);
     let queue = &server.get("/v1/status").await["queue"];
     let number = |name: &str| queue[name].as_u64().unwrap();
-    Quiet { sockets, threads, mib, images: number("images"), body_bytes: number("body_bytes") }
+    Some(Quiet { sockets, threads, mib, images: number("images"), body_bytes: number("body_bytes") })
 }

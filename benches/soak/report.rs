@@ -12,7 +12,7 @@ use crate::watch::{Probed, Sample};
 const MARKS: Duration = Duration::from_mins(5);
 
 /// The server while nobody asks it anything.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub struct Quiet {
     pub sockets: usize,
     pub threads: usize,
@@ -26,8 +26,8 @@ pub struct Report {
     pub warm_up: Duration,
     pub soak: Duration,
     pub book: std::sync::Arc<Book>,
-    pub warm: Quiet,
     /// `None` where the server is dead.
+    pub warm: Option<Quiet>,
     pub end: Option<Quiet>,
     pub memory: Vec<Sample>,
     pub peak: Option<Memory>,
@@ -66,7 +66,9 @@ impl Report {
         let failures = self.failures();
         if !failures.is_empty() {
             writeln!(text, "**Failed.**\n").unwrap();
-            failures.iter().for_each(|failure| writeln!(text, "- {failure}").unwrap());
+            for failure in failures {
+                writeln!(text, "- {failure}").unwrap();
+            }
             text.push('\n');
         }
         self.overview(&mut text);
@@ -91,10 +93,9 @@ impl Report {
         line("probes, each with its own connection", probed.milliseconds.len().to_string());
         line("probes: p50 / p99 / most, ms (goal: 100)", spread(&probed.milliseconds));
         line("probes: not ready, not answered", format!("{}, {}", probed.not_ready, probed.failed));
-        let Some(end) = self.end else { return };
-        let warm = &self.warm;
+        let (Some(warm), Some(end)) = (self.warm, self.end) else { return };
         let mut both = |name: &str, of: fn(&Quiet) -> f64| {
-            line(&format!("{name}: after warm-up, at the end"), format!("{:.0}, {:.0}", of(warm), of(&end)));
+            line(&format!("{name}: after warm-up, at the end"), format!("{:.0}, {:.0}", of(&warm), of(&end)));
         };
         text_of_quiet(&mut both);
     }

@@ -27,7 +27,7 @@ impl Trend {
         let slope = points.iter().map(|point| (point.0 - centre.0) * (point.1 - centre.1)).sum::<f64>() / width;
         let rest = points.iter().map(|point| (point.1 - centre.1 - slope * (point.0 - centre.0)).powi(2)).sum::<f64>();
         let standard_error = (rest / (count - 2.0) / width).sqrt();
-        let time = samples.last().map_or(0.0, |last| (last.at - samples[0].at).as_secs_f64());
+        let time = samples.last().map_or(0.0, |last| last.at.as_secs_f64() - samples[0].at.as_secs_f64());
         let block_s = time * size as f64 / samples.len() as f64;
         Self { mib_per_hour: slope, standard_error, means: points.len(), block_s }
     }
