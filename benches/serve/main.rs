@@ -41,9 +41,9 @@ async fn measure() {
     let image = std::fs::read(SAMPLE).unwrap();
     let mut starts: Vec<f64> = Vec::new();
     for _ in 0..5 {
-        starts.push(Server::start().await.started_s);
+        starts.push(Server::start(&[]).await.started_s);
     }
-    let server = Server::start().await;
+    let server = Server::start(&[]).await;
     let answer = server.post(image.clone()).await;
     let idle = server.idle_cpu_percent().await;
     let rss_start = server.rss_mib();

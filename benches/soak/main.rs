@@ -32,6 +32,8 @@ use watch::Probes;
 use world::{Material, World};
 
 const MINUTES: f64 = 30.0;
+/// Frames of a stream cannot ask for more time than this, as good clients do: on a busy machine they would be late.
+const SETTINGS: [&str; 2] = ["--timeout-ms", "60000"];
 /// Threads that have nothing to do have ended by then, and connections whose clients are gone.
 const SETTLE: Duration = Duration::from_secs(15);
 
@@ -49,7 +51,7 @@ fn main() -> ExitCode {
 }
 
 async fn soak(time: Duration) -> Report {
-    let server = Server::start().await;
+    let server = Server::start(&SETTINGS).await;
     let bound_mib = server.get("/v1/limits").await["memory"]["bound_bytes"].as_f64().unwrap() / f64::from(1 << 20);
     let (material, book) = (Arc::new(Material::read(&server).await), Arc::new(Book::default()));
     let warm_up = (time / 10).clamp(Duration::from_secs(20), Duration::from_mins(3));

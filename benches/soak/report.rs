@@ -56,7 +56,7 @@ impl Report {
 
     pub fn text(&self) -> String {
         let mut text = format!(
-            "# Soak\n\n`make soak`: the real server with its default settings, and good, bad, slow, leaving and hostile clients at \
+            "# Soak\n\n`make soak`: the real server, with a minute for each request and otherwise default settings, and good, bad, slow, leaving and hostile clients at \
              once, on the same {} cores. {:.0} s of warm-up and {:.0} s of soak. A good or slow client must get the right answer, \
              the same as when it was alone, or a refusal that says when to come again; all else is a lost request.\n\n",
             std::thread::available_parallelism().map_or(0, usize::from),

@@ -27,12 +27,13 @@ pub struct Memory {
 }
 
 impl Server {
-    pub async fn start() -> Self {
+    pub async fn start(settings: &[&str]) -> Self {
         let free = || TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let (http, grpc, admin) = (free(), free(), free());
         let start = Instant::now();
         let child = Command::new(env!("CARGO_BIN_EXE_posed"))
             .args(["serve", "--cameras", "samples", "--log", "error"])
+            .args(settings)
             .args(["--http", &http.to_string(), "--grpc", &grpc.to_string(), "--admin", &admin.to_string()])
             .stderr(Stdio::null())
             .spawn()

@@ -16,9 +16,10 @@ use tonic::transport::{Channel, Endpoint};
 use crate::support::{Server, copy_of, read, samples};
 
 const RESTARTS: usize = 10;
-/// The delay is far longer than a client takes from its look at readiness to its request. The rest: slow machines have
-/// their time.
-const FLAGS: [&str; 6] = ["--shutdown-delay-ms", "1000", "--timeout-ms", "60000", "--drain-seconds", "60"];
+/// The delay is far longer than what clients know of readiness is old. The rest: slow machines have their time.
+const FLAGS: [&str; 6] = ["--shutdown-delay-ms", "1500", "--timeout-ms", "60000", "--drain-seconds", "60"];
+/// As with a load balancer that looks from time to time.
+const OLD: Duration = Duration::from_millis(200);
 const LIMIT: Duration = Duration::from_mins(1);
 
 /// Where an instance is, whichever process it is just now.
@@ -103,6 +104,7 @@ async fn client(instances: Arc<[Instance; 2]>, ended: Arc<AtomicBool>, mut ask: 
             lost.push("no instance is ready".to_owned());
             continue;
         };
+        tokio::time::sleep(OLD).await;
         match ask.ask(index).await {
             Ok(()) => drop(instances[index].answered.fetch_add(1, Ordering::Relaxed)),
             Err(error) => lost.push(format!("instance {index}: {error}")),
