@@ -105,6 +105,10 @@ impl Report {
         let step = MARKS.min(time / 4);
         text.push_str("\n| minute | resident memory, MiB |\n|---|---|\n");
         let mut mark = step;
+        // Samples begin after the warm-up.
+        while self.memory.first().is_some_and(|sample| sample.at > mark) {
+            mark += step;
+        }
         while let Some(sample) = self.memory.iter().find(|sample| sample.at >= mark) {
             writeln!(text, "| {:.1} | {:.0} |", mark.as_secs_f64() / 60.0, sample.mib).unwrap();
             mark += step;
