@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
+.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -47,6 +47,9 @@ bench: onnxruntime ## Times the solver, the stages around the networks and the e
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
+
+soak: onnxruntime ## Good, bad, slow and hostile clients at once for SOAK_MINUTES (30); writes docs/benchmarks/soak.md.
+	POSED_BENCH_OUT=docs/benchmarks/soak.md cargo bench --locked --bench soak
 
 FUZZ := camera dataset image manifest ply protobuf raw request
 FUZZ_SECONDS := 15

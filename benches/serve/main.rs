@@ -4,6 +4,9 @@
 
 mod bare;
 mod load;
+#[path = "../support/numbers.rs"]
+mod numbers;
+#[path = "../support/process.rs"]
 mod process;
 
 use std::fmt::Write as _;
@@ -14,6 +17,7 @@ use serde_json::Value;
 
 use bare::BareLoop;
 use load::{Overload, closed_loop, overload};
+use numbers::{median, spread};
 use process::Server;
 
 const SAMPLE: &str = "samples/sample-1.jpg";
@@ -37,9 +41,9 @@ async fn measure() {
     let image = std::fs::read(SAMPLE).unwrap();
     let mut starts: Vec<f64> = Vec::new();
     for _ in 0..5 {
-        starts.push(Server::start().await.started_s);
+        starts.push(Server::start(&[]).await.started_s);
     }
-    let server = Server::start().await;
+    let server = Server::start(&[]).await;
     let answer = server.post(image.clone()).await;
     let idle = server.idle_cpu_percent().await;
     let rss_start = server.rss_mib();
@@ -159,20 +163,4 @@ impl Report {
         );
         text
     }
-}
-
-fn median(values: &[f64]) -> f64 {
-    quantile(values, 0.5)
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
-fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let last = sorted.len().saturating_sub(1);
-    sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
-}
-
-fn spread(values: &[f64]) -> String {
-    format!("{:.1} / {:.1} / {:.1}", median(values), quantile(values, 0.99), quantile(values, 1.0))
 }

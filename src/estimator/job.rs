@@ -1,6 +1,6 @@
 //! One image on its way through the estimator, with the way back.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
@@ -106,6 +106,20 @@ pub(super) struct Job {
     pub deadline: Instant,
     pub arrived: Instant,
     pub place: Place,
+}
+
+/// A job in the queue. Whoever takes it first has it: a worker, or its caller who leaves, and its room is free at once.
+#[derive(Clone)]
+pub(super) struct Slot(Arc<Mutex<Option<Job>>>);
+
+impl Slot {
+    pub(super) fn new(job: Job) -> Self {
+        Self(Arc::new(Mutex::new(Some(job))))
+    }
+
+    pub(super) fn take(&self) -> Option<Job> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
 }
 
 impl Job {

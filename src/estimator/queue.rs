@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 
 use super::admission::{Admission, BodyLease, Place, Refusal, Room};
 use super::answer::Abandoned;
-use super::job::{Answer, Job, QueueError, ReferenceWork, Solved, Task, Work};
+use super::job::{Answer, Job, QueueError, ReferenceWork, Slot, Solved, Task, Work};
 use super::pace::Pace;
 use super::pipeline::Estimator;
 use super::prepare::Decoders;
@@ -40,7 +40,7 @@ pub struct QueueConfig {
 pub struct Queue {
     admission: Admission,
     decoders: Decoders,
-    jobs: crossbeam_channel::Sender<Job>,
+    jobs: crossbeam_channel::Sender<Slot>,
     pace: Arc<Pace>,
     workers: usize,
     stats: Arc<Stats>,
@@ -57,7 +57,7 @@ impl Queue {
         make: impl Fn() -> Result<Estimator, RuntimeError> + Send + Sync + 'static,
     ) -> Result<Self, StartError> {
         let stats = Arc::new(Stats::default());
-        // Every job holds a place, so that the channel is bounded by them.
+        // Every job holds a place, so that the jobs in the channel are bounded by them; who leaves leaves an empty slot.
         let (jobs, receiver) = crossbeam_channel::unbounded();
         let pace = Arc::new(Pace::new(config.workers));
         let workers = Workers {
@@ -133,21 +133,21 @@ impl Queue {
         let admitted = self.admit(&image, body, deadline);
         let (place, body) = admitted.inspect_err(|_| Stats::count(&self.stats.refused))?;
         Stats::count(&self.stats.admitted);
-        let mut waiting = Waiting { stats: &self.stats, ends: Some(Abandoned::Cancelled) };
+        let mut waiting = Waiting { stats: &self.stats, at: Stage::Decoding, why: Abandoned::Cancelled };
         let answered = async {
             let pixels = self.decoders.decode(image, body, keep_image, arrived).await;
-            // From here on the workers count what becomes of it.
-            waiting.ends = None;
+            waiting.at = Stage::Counted;
             let pixels = pixels.inspect_err(|_| Stats::count(&self.stats.undecodable))?;
+            let slot = Slot::new(Job { pixels, camera, task, deadline, arrived, place });
             // Closed only when no worker is left.
-            let job = Job { pixels, camera, task, deadline, arrived, place };
-            self.jobs.send(job).map_err(|_| QueueError::Crashed)?;
+            self.jobs.send(slot.clone()).map_err(|_| QueueError::Crashed)?;
+            waiting.at = Stage::Queued(slot);
             // The reply is dropped without an answer where no worker is left, or a panic spoilt the batch before it.
             answer.await.unwrap_or(Err(QueueError::Crashed))
         };
         let in_time = tokio::time::timeout_at(deadline.into(), answered).await;
         in_time.unwrap_or_else(|_| {
-            waiting.ends = waiting.ends.map(|_| Abandoned::Expired);
+            waiting.why = Abandoned::Expired;
             Err(Abandoned::Expired.into())
         })
     }
@@ -179,16 +179,30 @@ struct Request {
     deadline: Instant,
 }
 
-/// Counts an image that is given up before a worker has it.
+/// An image that no worker has yet. Where it is given up it is counted, and leaves the queue.
 struct Waiting<'a> {
     stats: &'a Stats,
-    ends: Option<Abandoned>,
+    at: Stage,
+    /// Of giving up.
+    why: Abandoned,
+}
+
+enum Stage {
+    Decoding,
+    /// Until a worker takes it, which then counts what becomes of it.
+    Queued(Slot),
+    Counted,
 }
 
 impl Drop for Waiting<'_> {
     fn drop(&mut self) {
-        if let Some(why) = self.ends {
-            self.stats.abandon(why);
+        let given_up = match &self.at {
+            Stage::Decoding => true,
+            Stage::Queued(slot) => slot.take().is_some(),
+            Stage::Counted => false,
+        };
+        if given_up {
+            self.stats.abandon(self.why);
         }
     }
 }

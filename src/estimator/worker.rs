@@ -9,7 +9,7 @@ use crossbeam_channel::{Receiver, Sender};
 use thiserror::Error;
 
 use super::answer::{Abandoned, Estimate, EstimateError, Selection};
-use super::job::{Job, QueueError, Task};
+use super::job::{Job, QueueError, Slot, Task};
 use super::pace::Pace;
 use super::pipeline::{Estimator, Frame};
 use super::stats::Stats;
@@ -46,7 +46,7 @@ pub(super) struct Batching {
 pub(super) struct Workers {
     pub make: Make,
     pub batching: Batching,
-    pub jobs: Receiver<Job>,
+    pub jobs: Receiver<Slot>,
     pub pace: Arc<Pace>,
     pub stats: Arc<Stats>,
 }
@@ -84,7 +84,7 @@ impl Workers {
         let _ = started.send(Ok(()));
         drop(started);
         let mut next = None;
-        while let Ok(first) = next.take().map_or_else(|| self.jobs.recv(), Ok) {
+        while let Some(first) = next.take().or_else(|| self.jobs.iter().find_map(|slot| slot.take())) {
             let (batch, later) = self.gather(first);
             next = later;
             if batch.is_empty() {
@@ -144,9 +144,15 @@ impl Workers {
                 Err(why) => self.abandon(job, why),
             }
             let room = batch.len() < most;
-            next = room.then(|| self.jobs.recv_deadline(closes).or_else(|_| self.jobs.try_recv()).ok()).flatten();
+            next = room.then(|| self.next_until(closes)).flatten();
         }
         (batch, None)
+    }
+
+    /// The next job whose caller has not left, if it comes in time.
+    fn next_until(&self, closes: Instant) -> Option<Job> {
+        let next = || self.jobs.recv_deadline(closes).or_else(|_| self.jobs.try_recv()).ok();
+        std::iter::from_fn(next).find_map(|slot| slot.take())
     }
 
     /// Answers a batch; false where it panicked.

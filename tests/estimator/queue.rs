@@ -232,6 +232,39 @@ async fn a_deadline_holds_whatever_the_worker_does() {
     assert_eq!(queue.stats().cancelled.load(Ordering::Relaxed), 1);
 }
 
+/// Whoever leaves or runs out of time while the worker is busy with others leaves place and pixels to the next one at once.
+#[tokio::test(flavor = "multi_thread")]
+async fn who_no_longer_waits_takes_no_room() {
+    let (script, arrivals, gate) = gated();
+    let image = Image::Encoded(png(CUE).into());
+    let to_decode = usize::try_from(header(&image, &CONFIG.decode).unwrap().decode_bytes).unwrap();
+    let queue = start(QueueConfig { room: Room { images: 3, pixel_bytes: 3 * to_decode, ..ROOM }, ..CONFIG }, script);
+    let stuck = enqueue(&queue, work(CUE, LONG)).await;
+    arrivals.recv().unwrap();
+    for _ in 0..4 {
+        let leaving = [enqueue(&queue, work(10, LONG)).await, enqueue(&queue, work(10, LONG)).await];
+        // Decoded images hold no bytes any more; then they wait for the worker.
+        while queue.admission().bytes() > 0 {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        assert!(queue.admission().has_place().is_err());
+        for task in leaving {
+            task.abort();
+            assert!(task.await.unwrap_err().is_cancelled());
+        }
+        assert_eq!(queue.admission().images(), 1);
+        let hurried = queue.estimate(work(10, Duration::from_millis(100))).await;
+        assert!(matches!(hurried, Err(QueueError::Abandoned(Abandoned::Expired))), "{hurried:?}");
+        assert_eq!(queue.admission().images(), 1);
+    }
+    let patient = enqueue(&queue, work(10, LONG)).await;
+    drop(gate);
+    assert!(stuck.await.unwrap().is_ok() && patient.await.unwrap().is_ok());
+    assert_eq!(queue.stats().cancelled.load(Ordering::Relaxed), 8);
+    assert_eq!(queue.stats().expired.load(Ordering::Relaxed), 4);
+}
+
 /// Between the stages, too: an image whose time is over after detection costs no keypoint net.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_deadline_is_kept_between_the_stages() {

@@ -17,6 +17,7 @@ mod models;
 mod raw;
 mod raw_grpc;
 mod recalibration;
+mod rollout;
 mod stream;
 #[path = "../support/mod.rs"]
 mod support;

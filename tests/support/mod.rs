@@ -68,6 +68,16 @@ impl Server {
         Self::run(posed(&["serve", "--http", http, "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"]))
     }
 
+    /// A server with these addresses for HTTP, gRPC and operators.
+    pub fn start_on(addresses: [SocketAddr; 3], arguments: &[&str]) -> Self {
+        let mut command = posed(&["serve", "--cameras", "samples"]);
+        for (flag, address) in ["--http", "--grpc", "--admin"].into_iter().zip(addresses) {
+            command.args([flag, &address.to_string()]);
+        }
+        command.args(arguments);
+        Self::run(command)
+    }
+
     /// A server that may open so many files.
     pub fn start_with_files(files: u32, arguments: &[&str]) -> Self {
         let mut command = Command::new("sh");
