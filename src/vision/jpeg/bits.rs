@@ -1,4 +1,4 @@
-use super::fault::Fault;
+use super::fault::{Fault, Lost};
 
 /// The entropy-coded data of a scan, up to the next marker.
 pub(super) struct Bits<'a> {
@@ -15,29 +15,35 @@ impl<'a> Bits<'a> {
         Self { bytes, position, buffer: 0, count: 0 }
     }
 
+    #[expect(clippy::cast_possible_truncation, reason = "the lowest bits")]
     /// So many bits, at most 16, without using them; zeros follow the last one.
+    #[inline]
     pub(super) fn peek(&mut self, count: u32) -> u32 {
-        self.fill();
+        if self.count < READY {
+            self.fill();
+        }
         let window =
             if self.count < count { self.buffer << (count - self.count) } else { self.buffer >> (self.count - count) };
-        u32::try_from(window & ((1 << count) - 1)).unwrap_or_default()
+        window as u32 & ((1 << count) - 1)
     }
 
     /// Uses bits that were peeked at.
-    pub(super) fn skip(&mut self, count: u32) -> Result<(), Fault> {
+    #[inline]
+    pub(super) fn skip(&mut self, count: u32) -> Result<(), Lost> {
         match self.count.checked_sub(count) {
             Some(left) => {
                 self.count = left;
                 Ok(())
             }
             // The last byte may be half of a marker.
-            None if self.position + 1 >= self.bytes.len() => Err(Fault::Ends),
-            None => Err("its data end early: some bytes were lost or changed".into()),
+            None if self.position + 1 >= self.bytes.len() => Err(Lost::FileEnds),
+            None => Err(Lost::DataEnd),
         }
     }
 
     /// So many bits, at most 16.
-    pub(super) fn take(&mut self, count: u32) -> Result<u32, Fault> {
+    #[inline]
+    pub(super) fn take(&mut self, count: u32) -> Result<u32, Lost> {
         let value = self.peek(count);
         self.skip(count)?;
         Ok(value)
@@ -66,7 +72,15 @@ impl<'a> Bits<'a> {
     }
 
     fn fill(&mut self) {
-        while self.count <= 48 {
+        let rest = self.bytes.get(self.position..).unwrap_or_default();
+        // Four at once where none of them can be a marker, or stuffed.
+        if let Some(four) = rest.first_chunk::<4>().filter(|four| !four.contains(&0xFF)) {
+            self.buffer = self.buffer << 32 | u64::from(u32::from_be_bytes(*four));
+            self.position += 4;
+            self.count += 32;
+            return;
+        }
+        while self.count < READY {
             let taken = match self.bytes.get(self.position..) {
                 Some([0xFF, 0, ..]) => 2,
                 Some([0xFF, ..] | []) | None => return,
@@ -78,3 +92,6 @@ impl<'a> Bits<'a> {
         }
     }
 }
+
+/// With as many bits at hand a code and the value after it need no more.
+const READY: u32 = 32;

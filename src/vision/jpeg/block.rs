@@ -1,7 +1,5 @@
-use std::borrow::Cow;
-
 use super::bits::Bits;
-use super::fault::Fault;
+use super::fault::Lost;
 use super::huffman::Table;
 
 /// A code for a run of zeros, and for nothing else.
@@ -19,19 +17,19 @@ pub(super) fn range(step: u16) -> u16 {
 }
 
 /// A difference of DC coefficients, added to the one before.
-pub(super) fn dc_first(bits: &mut Bits<'_>, table: &Table, before: &mut i32, range: i32) -> Result<(), Fault> {
+pub(super) fn dc_first(bits: &mut Bits<'_>, table: &Table, before: &mut i32, range: i32) -> Result<(), Lost> {
     let length = table.symbol(bits)?;
     *before += value(bits, length)?;
-    if before.abs() > range { Err(BEYOND_RANGE) } else { Ok(()) }
+    if before.abs() > range { Err(Lost::Range) } else { Ok(()) }
 }
 
 /// A coefficient of so many bits (T.81, F.2.2.1).
-fn value(bits: &mut Bits<'_>, length: u8) -> Result<i32, Fault> {
+fn value(bits: &mut Bits<'_>, length: u8) -> Result<i32, Lost> {
     if length == 0 {
         return Ok(0);
     }
     if length > MAX_BITS {
-        return Err(BEYOND_RANGE);
+        return Err(Lost::Range);
     }
     let value = bits.take(length.into())?.cast_signed();
     let negative = value < 1 << (length - 1);
@@ -41,13 +39,8 @@ fn value(bits: &mut Bits<'_>, length: u8) -> Result<i32, Fault> {
 /// The difference of the two farthest DC coefficients has so many.
 const MAX_BITS: u8 = 12;
 
-const BEYOND_RANGE: Fault =
-    Fault::Damaged(Cow::Borrowed("a value is beyond its range: some bytes were lost or changed"));
-const BEYOND_BLOCK: Fault =
-    Fault::Damaged(Cow::Borrowed("a block has too many values: some bytes were lost or changed"));
-
 /// The AC coefficients of a block of a sequential picture.
-pub(super) fn sequential(bits: &mut Bits<'_>, table: &Table, ranges: &Ranges) -> Result<(), Fault> {
+pub(super) fn sequential(bits: &mut Bits<'_>, table: &Table, ranges: &Ranges) -> Result<(), Lost> {
     let mut k = 1_u8;
     while k < 64 {
         let symbol = table.symbol(bits)?;
@@ -57,15 +50,15 @@ pub(super) fn sequential(bits: &mut Bits<'_>, table: &Table, ranges: &Ranges) ->
             (_, 0) => return Ok(()),
             _ => {
                 k += run;
-                let range = *ranges.get(usize::from(k)).ok_or(BEYOND_BLOCK)?;
+                let range = *ranges.get(usize::from(k)).ok_or(Lost::Block)?;
                 if value(bits, length)?.unsigned_abs() > range.into() {
-                    return Err(BEYOND_RANGE);
+                    return Err(Lost::Range);
                 }
                 k += 1;
             }
         }
     }
-    if k == 64 { Ok(()) } else { Err(BEYOND_BLOCK) }
+    if k == 64 { Ok(()) } else { Err(Lost::Block) }
 }
 
 /// The AC coefficients that a scan of a progressive picture adds (T.81, annex G.1.2.2 and G.1.2.3).
@@ -80,7 +73,7 @@ pub(super) struct Progressive<'a> {
 }
 
 impl Progressive<'_> {
-    pub(super) fn block(&mut self, bits: &mut Bits<'_>, nonzero: &mut u64) -> Result<(), Fault> {
+    pub(super) fn block(&mut self, bits: &mut Bits<'_>, nonzero: &mut u64) -> Result<(), Lost> {
         let mut k = self.first;
         while self.empty_blocks == 0 && k <= self.last {
             let symbol = self.table.symbol(bits)?;
@@ -95,7 +88,7 @@ impl Progressive<'_> {
             k = self.pass(bits, k, run, *nonzero)?;
             if k > self.last {
                 // A run of zeros may end with the block; a coefficient needs a place.
-                return if length > 0 { Err(BEYOND_BLOCK) } else { Ok(()) };
+                return if length > 0 { Err(Lost::Block) } else { Ok(()) };
             }
             if length > 0 {
                 *nonzero |= 1 << k;
@@ -113,7 +106,7 @@ impl Progressive<'_> {
     }
 
     /// The place after so many zeros from here.
-    fn pass(&self, bits: &mut Bits<'_>, from: u8, zeros: u8, nonzero: u64) -> Result<u8, Fault> {
+    fn pass(&self, bits: &mut Bits<'_>, from: u8, zeros: u8, nonzero: u64) -> Result<u8, Lost> {
         if !self.refines {
             return Ok(from + zeros);
         }
@@ -133,6 +126,6 @@ impl Progressive<'_> {
 }
 
 /// A bit for each coefficient that is known.
-fn refine(bits: &mut Bits<'_>, count: u32) -> Result<(), Fault> {
+fn refine(bits: &mut Bits<'_>, count: u32) -> Result<(), Lost> {
     (0..count).try_for_each(|_| bits.take(1).map(|_| ()))
 }

@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 
 use super::bits::Bits;
-use super::fault::{Fault, SHORT};
+use super::fault::{Fault, Lost, SHORT};
 
 /// Bits that are looked up at once; longer codes are rare.
 const QUICK: u32 = 9;
@@ -47,24 +47,29 @@ impl Table {
         Ok(Self { quick, limits, offsets, symbols: symbols.to_vec() })
     }
 
-    pub(super) fn symbol(&self, bits: &mut Bits<'_>) -> Result<u8, Fault> {
+    #[inline]
+    pub(super) fn symbol(&self, bits: &mut Bits<'_>) -> Result<u8, Lost> {
         let next = bits.peek(16);
         let (length, symbol) = self.quick.get((next >> (16 - QUICK)) as usize).copied().unwrap_or_default();
         if length > 0 {
             bits.skip(length.into())?;
             return Ok(symbol);
         }
+        self.long_symbol(next, bits)
+    }
+
+    fn long_symbol(&self, next: u32, bits: &mut Bits<'_>) -> Result<u8, Lost> {
         for (length, (limit, offset)) in (1_u32..).zip(self.limits.iter().zip(self.offsets)) {
             if next < *limit {
                 bits.skip(length)?;
                 let code = i32::try_from(next >> (16 - length)).unwrap_or(0);
                 let symbol = usize::try_from(code + offset).ok().and_then(|index| self.symbols.get(index));
-                return symbol.copied().ok_or(IMPOSSIBLE);
+                return symbol.copied().ok_or(Lost::Code);
             }
         }
         // With too few bits left the zeros behind them may look like no code.
         bits.skip(16)?;
-        Err("its data hold a code that does not exist: some bytes were lost or changed".into())
+        Err(Lost::Code)
     }
 }
 

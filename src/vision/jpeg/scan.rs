@@ -1,6 +1,6 @@
 use super::bits::Bits;
 use super::block::{Progressive, dc_first, sequential};
-use super::fault::{Fault, SHORT};
+use super::fault::{Fault, Lost, SHORT};
 use super::frame::{Component, Frame, QuantisationSteps};
 use super::huffman::Tables;
 
@@ -121,7 +121,7 @@ impl Reader<'_> {
         component: &mut Component,
         unit: usize,
         progressive: bool,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Lost> {
         if self.scan.first > 0 {
             return self.progressive.block(&mut self.bits, &mut component.nonzero[unit]);
         }
