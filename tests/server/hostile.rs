@@ -22,7 +22,8 @@ const BODY: usize = 16 << 20;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn hostile_clients_stay_under_the_stated_bound() {
-    let server = Arc::new(Server::start(&[]));
+    // A minute for each: what a slow machine can answer in less is another test's matter.
+    let server = Arc::new(Server::start(&["--timeout-ms", "60000"]));
     let limits = json(reqwest::get(server.url("/v1/limits")).await.unwrap()).await;
     let bound = limits["memory"]["bound_bytes"].as_u64().unwrap();
     let good = GoodClient::start(&server);
