@@ -117,8 +117,9 @@ impl Estimator {
         let found = library.objects.iter().enumerate().find_map(|(index, o)| Some((index, o.as_ref().filter(named)?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
         let camera = &camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
+        let whole = BoundingBox { x: 0.0, y: 0.0, width: image.width().into(), height: image.height().into() };
         let region = match region {
-            Some(region) if region.overlaps(image.width(), image.height()) => region,
+            Some(region) if region.overlap(&whole) > 0.0 => region,
             Some(region) => return Err(MeasureError::BoxOutside(region.into())),
             None => {
                 let classes = (0..library.objects.len()).map(|class| class == index).collect();

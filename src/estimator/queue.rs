@@ -76,8 +76,8 @@ impl Queue {
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.
     ///
     /// # Errors
-    /// [`QueueError::Refused`] at once when the queue is full, or the answer would come late; [`Abandoned::Expired`] at the deadline, whatever the workers
-    /// do; otherwise what decoding or estimating says.
+    /// [`QueueError::Refused`] at once when the queue is full, or the answer would come late; [`Abandoned::Expired`] at the
+    /// deadline, whatever the workers do; otherwise what decoding or estimating says.
     pub async fn estimate(&self, work: Work) -> Result<Answer, QueueError> {
         let Work { image, body, camera, selection, keep_image, deadline } = work;
         let (reply, answer) = oneshot::channel();

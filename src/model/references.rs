@@ -82,7 +82,7 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn read(folder: &Path, object: &ObjectModel) -> Result<Option<Reference>, ReferenceError> {
-        let path = folder.join(format!("{}.json", object.manifest.name));
+        let path = file_of(folder, &object.manifest.name);
         let read = || Reference::read(&path, &object.manifest.name, &object.manifest.model_sha256);
         path.exists().then(read).transpose()
     }
@@ -152,7 +152,7 @@ impl References {
     /// # Errors
     /// When the folder cannot be written to; what it held is as it was.
     pub fn write(folder: &Path, reference: &Reference, images: &[(String, Vec<u8>)]) -> Result<(), ReferenceError> {
-        let path = folder.join(format!("{}.json", reference.object));
+        let path = file_of(folder, &reference.object);
         let old = images_of(&path);
         let mut written = Vec::new();
         let result = (|| {
@@ -202,7 +202,7 @@ impl References {
     }
 
     fn path(&self, object: &ObjectModel) -> PathBuf {
-        self.folder.join(format!("{}.json", object.manifest.name))
+        file_of(&self.folder, &object.manifest.name)
     }
 }
 
@@ -212,6 +212,11 @@ impl FileVersion {
         let metadata = fs::metadata(path)?;
         Ok(Self { modified: metadata.modified()?, bytes: metadata.len(), node: metadata.ino() })
     }
+}
+
+/// The file of an object's reference.
+fn file_of(folder: &Path, object: &str) -> PathBuf {
+    folder.join(format!("{object}.json"))
 }
 
 /// The images that a reference file names and that lie beside it.

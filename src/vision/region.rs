@@ -29,13 +29,6 @@ impl BoundingBox {
         if union > 0.0 { intersection / union } else { 0.0 }
     }
 
-    /// Whether any of its area is within an image of this size.
-    #[must_use]
-    pub fn overlaps(&self, width: u32, height: u32) -> bool {
-        let shared = |at: f64, side: f64, image: u32| (at + side).min(f64::from(image)) > at.max(0.0);
-        shared(self.x, self.width, width) && shared(self.y, self.height, height)
-    }
-
     /// The centre, in pixel coordinates (centres of pixels at integers).
     #[must_use]
     pub fn centre(&self) -> Vector2<f64> {
