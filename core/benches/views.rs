@@ -45,9 +45,8 @@ fn solving(criterion: &mut Criterion) {
     let symmetries = Symmetries::default();
     for views in [2, 3, 8, 16] {
         let mut rng = SmallRng::seed_from_u64(views as u64);
-        let points: Vec<_> = (0..POINTS)
-            .map(|_| Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64)).normalize() * 0.06)
-            .collect();
+        let points: Vec<_> =
+            (0..POINTS).map(|_| Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64)).normalize() * 0.06).collect();
         let scenes: Vec<_> = (0..SCENES).map(|_| scene(&mut rng, &camera, &points, views)).collect();
         let options = ViewsOptions { shared_error: 1.9, ..ViewsOptions::default() };
         let mut next = 0;

@@ -198,9 +198,11 @@ impl Calibrate {
     fn tell_scale(&self, scale: Option<Scale>) -> Result<(), String> {
         let Some(scale) = scale else {
             if self.fit_scale {
-                return Err("--fit-scale needs at least three references that agree, from sides that are 20 degrees or more \
+                return Err(
+                    "--fit-scale needs at least three references that agree, from sides that are 20 degrees or more \
                             apart"
-                    .into());
+                        .into(),
+                );
             }
             return Ok(());
         };

@@ -91,7 +91,9 @@ impl Estimate {
         let rig = Rig::read_with_cameras_beside(rig)?;
         if rig.cameras.len() != self.images.len() {
             let (images, cameras) = (self.images.len(), rig.cameras.len());
-            return Err(format!("{images} images for {cameras} cameras; give one image for each, in their order").into());
+            return Err(
+                format!("{images} images for {cameras} cameras; give one image for each, in their order").into()
+            );
         }
         let (library, references) = self.models.library()?;
         let mut estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &self.models.runtime()?)?;
@@ -114,9 +116,8 @@ impl Estimate {
         let fused = fuse(&library, &references, &cameras, &estimates);
         if let Some(out) = &self.overlay {
             let each = images.iter().zip(&estimates).enumerate();
-            let drawn: Vec<_> = each
-                .map(|(view, (image, estimate))| ViewsPicture::of(image).drawn(view, estimate, &fused))
-                .collect();
+            let drawn: Vec<_> =
+                each.map(|(view, (image, estimate))| ViewsPicture::of(image).drawn(view, estimate, &fused)).collect();
             write_atomically(out, &encode(&ViewsPicture::side_by_side(&drawn), ImageFormat::Png)?)
                 .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }

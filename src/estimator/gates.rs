@@ -110,7 +110,8 @@ fn solved_pose(
             modes: Mode::all_of(solution),
         },
         keypoints_scale: offset.keypoints_scale,
-        box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale)).map(|corner| solution.pose.transform(&corner)),
+        box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale))
+            .map(|corner| solution.pose.transform(&corner)),
     }
 }
 

@@ -100,7 +100,11 @@ fn unscaled() -> f64 {
     1.0
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, clippy::float_cmp, reason = "what serde asks for; exactly 1 is what is not stated")]
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    clippy::float_cmp,
+    reason = "what serde asks for; exactly 1 is what is not stated"
+)]
 fn is_unscaled(scale: &f64) -> bool {
     *scale == 1.0
 }

@@ -98,12 +98,14 @@ fn split() -> tempfile::TempDir {
 fn evaluate_scores_fused_views() {
     let split = split();
     let json = split.path().join("views.json");
-    let common = ["evaluate", "cube", "link", "--meshes", "training/demo/models", "--split", split.path().to_str().unwrap()];
+    let common =
+        ["evaluate", "cube", "link", "--meshes", "training/demo/models", "--split", split.path().to_str().unwrap()];
     let output = run(&[&common[..], &["--views", "1", "--views", "3", "--json", json.to_str().unwrap()]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let rows: Vec<Value> = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     assert_eq!(rows.len(), 6);
-    let row = |object: &str, views: u64| rows.iter().find(|row| row["object"] == object && row["views"] == views).unwrap();
+    let row =
+        |object: &str, views: u64| rows.iter().find(|row| row["object"] == object && row["views"] == views).unwrap();
     for object in ["cube", "link"] {
         let fused = row(object, 3);
         assert_eq!((fused["poses"].as_u64(), fused["add"].as_f64()), (Some(1), Some(1.0)), "{fused}");
@@ -113,7 +115,8 @@ fn evaluate_scores_fused_views() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.starts_with("| object | views |"), "{text}");
     // One of the three is wrong, and found out.
-    let output = run(&[&common[..], &["--views", "3", "--wrong-views", "1", "--json", json.to_str().unwrap()]].concat());
+    let output =
+        run(&[&common[..], &["--views", "3", "--wrong-views", "1", "--json", json.to_str().unwrap()]].concat());
     assert!(output.status.success());
     let rows: Vec<Value> = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     assert!(rows.iter().all(|row| row["add"] == 1.0 && row["named"] == 1.0), "{rows:?}");
@@ -150,7 +153,8 @@ fn calibrate_fits_the_scale_on_demand() {
     let depth = |scale: f64| {
         crate::support::change(&file, |json| json["keypoints_scale"] = scale.into());
         let folder = reference.path().to_str().unwrap();
-        let output = run(&["estimate", IMAGES[0], "--camera", "samples/demo.camera.json", "--json", "--reference", folder]);
+        let output =
+            run(&["estimate", IMAGES[0], "--camera", "samples/demo.camera.json", "--json", "--reference", folder]);
         let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
         let pose = answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap();
         (pose["camera_from_object"]["translation_m"][2].as_f64().unwrap(), pose["keypoints_scale"].as_f64())
@@ -160,6 +164,7 @@ fn calibrate_fits_the_scale_on_demand() {
     assert_eq!((none, shown), (None, Some(1.2)));
     crate::support::change(&file, |json| json["keypoints_scale"] = 3.0.into());
     let folder = reference.path().to_str().unwrap();
-    let said = explanation(&run(&["estimate", IMAGES[0], "--camera", "samples/demo.camera.json", "--reference", folder]));
+    let said =
+        explanation(&run(&["estimate", IMAGES[0], "--camera", "samples/demo.camera.json", "--reference", folder]));
     assert!(said.contains("'keypoints_scale' is 3; it must be between 0.8 and 1.25"), "{said}");
 }

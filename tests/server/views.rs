@@ -8,9 +8,7 @@ use reqwest::{Client, Response, StatusCode};
 use serde_json::{Value, json as value};
 use tonic::Code;
 
-use crate::support::{
-    Server, assert_scene_right, assert_still_works, error, json, metrics, png, scene, scene_cameras,
-};
+use crate::support::{Server, assert_scene_right, assert_still_works, error, json, metrics, png, scene, scene_cameras};
 
 fn form(images: &[Vec<u8>], request: &Value) -> Form {
     let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image.jpg");
@@ -152,7 +150,8 @@ async fn the_answer_can_be_a_picture_of_all_views() {
     for (view, plain) in images.iter().enumerate() {
         let plain = image::load_from_memory(plain).unwrap().into_rgb8();
         let left = 640 * u32::try_from(view).unwrap();
-        let changed = plain.enumerate_pixels().filter(|(x, y, pixel)| picture.get_pixel(left + x, *y) != *pixel).count();
+        let changed =
+            plain.enumerate_pixels().filter(|(x, y, pixel)| picture.get_pixel(left + x, *y) != *pixel).count();
         assert!((200..60_000).contains(&changed), "{changed} pixels drawn into view {view}");
     }
     assert_still_works(&server).await;
@@ -174,7 +173,14 @@ async fn bad_requests_say_what_is_wrong() {
         view["world_from_camera"]["translation_m"] = value!(metres.map(|metres| 1e3 * metres));
     });
     let lopsided = changed(&|view| {
-        view["covariance"] = value!([[0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]);
+        view["covariance"] = value!([
+            [0, 1, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0]
+        ]);
     });
     let unknown = changed(&|view| view["camera"] = value!("nowhere"));
     let small = png(&image::DynamicImage::new_rgb8(320, 240));
@@ -235,7 +241,9 @@ async fn grpc_says_the_same() {
     one.views.truncate(1);
     let mut no_pose = by_rig.clone();
     no_pose.rig_id.clear();
-    for (request, words) in [(mixed, "a camera of its own"), (one, "'max_views'"), (no_pose, "'views[0]' has no camera")] {
+    for (request, words) in
+        [(mixed, "a camera of its own"), (one, "'max_views'"), (no_pose, "'views[0]' has no camera")]
+    {
         let status = client.estimate_views(request).await.unwrap_err();
         assert!(status.code() == Code::InvalidArgument && status.message().contains(words), "{status}");
     }

@@ -3,6 +3,7 @@
 use nalgebra::Vector6;
 
 use super::prepared::{Body, Placed, Prepared};
+use super::view::isotropic_covariance;
 use crate::geometry::{Covariance6, Pose, parts};
 
 /// Standard deviations of a view's pose that are added to those it states, since where to look is decided here, not what is
@@ -71,7 +72,7 @@ fn distance(body: &Body<'_>, view: &Prepared, other: &Placed, mode: &Placed, own
 }
 
 fn loose(body: &Body<'_>, mode: &Placed) -> Covariance6 {
-    mode.covariance * INFLATED + super::isotropic_covariance(LOOSE * body.radius_m, LOOSE_RAD)
+    mode.covariance * INFLATED + isotropic_covariance(LOOSE * body.radius_m, LOOSE_RAD)
 }
 
 /// A turn about an axis of revolution is no difference.

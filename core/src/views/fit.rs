@@ -51,7 +51,12 @@ struct Reduced {
 
 impl Fit {
     /// `None` where a point is behind its camera.
-    fn at(members: &[Member<'_>], pose: Pose, steps: &[(Vector6<f64>, Vector6<f64>)], loss: &impl Loss) -> Option<Self> {
+    fn at(
+        members: &[Member<'_>],
+        pose: Pose,
+        steps: &[(Vector6<f64>, Vector6<f64>)],
+        loss: &impl Loss,
+    ) -> Option<Self> {
         let mut fit = Self { pose, cost: 0.0, seen: Vec::with_capacity(members.len()) };
         for (member, (step, pull)) in members.iter().zip(steps) {
             let (translation, rotation) = parts(step);
@@ -71,8 +76,11 @@ impl Fit {
 
     /// Without the members' steps: each takes the one that is best for it, wherever the pose goes.
     fn reduced(&self, members: &[Member<'_>]) -> Option<Reduced> {
-        let mut reduced =
-            Reduced { hessian: Matrix6::zeros(), gradient: Vector6::zeros(), damping: Vec::with_capacity(members.len()) };
+        let mut reduced = Reduced {
+            hessian: Matrix6::zeros(),
+            gradient: Vector6::zeros(),
+            damping: Vec::with_capacity(members.len()),
+        };
         for (member, seen) in members.iter().zip(&self.seen) {
             let damping = (Matrix6::identity() + member.shared * seen.hessian).try_inverse()?;
             let own = seen.hessian * damping;
@@ -92,7 +100,12 @@ impl Fit {
     }
 
     /// Where the members' steps go if the pose takes one.
-    fn follow(&self, members: &[Member<'_>], reduced: &Reduced, step: &Vector6<f64>) -> Vec<(Vector6<f64>, Vector6<f64>)> {
+    fn follow(
+        &self,
+        members: &[Member<'_>],
+        reduced: &Reduced,
+        step: &Vector6<f64>,
+    ) -> Vec<(Vector6<f64>, Vector6<f64>)> {
         let each = members.iter().zip(&self.seen).zip(&reduced.damping);
         each.map(|((member, seen), damping)| {
             let whole = damping * (step - seen.step - member.shared * seen.gradient);

@@ -20,6 +20,7 @@ mod assignment;
 mod associate;
 mod consensus;
 mod fit;
+mod options;
 mod prepared;
 mod scale;
 mod solution;
@@ -27,6 +28,7 @@ mod solve;
 mod view;
 
 pub use associate::{Sighting, associate};
+pub use options::ViewsOptions;
 pub use solution::{Doubts, Exclusion, Scale, ViewFit, ViewsSolution};
-pub use solve::{ViewsOptions, solve_views};
+pub use solve::solve_views;
 pub use view::{Mode, View, ViewsError, isotropic_covariance};

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 
-use super::solve::ViewsOptions;
-use super::view::{View, ViewsError};
+use super::options::ViewsOptions;
+use super::view::{Mode, View, ViewsError};
 use crate::geometry::{
     Covariance6, Pose, Symmetries, block_diagonal, covariance_about, is_covariance, join, rotated_covariance,
 };
@@ -81,7 +81,12 @@ impl<'a> Body<'a> {
 }
 
 impl Prepared {
-    pub(super) fn new(index: usize, view: &View<'_>, body: &Body<'_>, options: &ViewsOptions) -> Result<Self, ViewsError> {
+    pub(super) fn new(
+        index: usize,
+        view: &View<'_>,
+        body: &Body<'_>,
+        options: &ViewsOptions,
+    ) -> Result<Self, ViewsError> {
         let camera_covariance = view.camera_covariance.unwrap_or(options.camera_covariance);
         let pose = view.world_from_camera.matrix();
         if !(pose.iter().chain(&camera_covariance).all(|v| v.is_finite()) && view.trust.is_finite()) {
@@ -94,7 +99,7 @@ impl Prepared {
             .map_err(|source| ViewsError::View { view: index, source })?;
         let world_from_camera = view.world_from_camera;
         let camera_from_world = world_from_camera.inverse();
-        let placed = |mode: &super::Mode| {
+        let placed = |mode: &Mode| {
             let camera_from_centred = mode.camera_from_points * body.points_from_centred;
             let lever = camera_from_centred.translation() - mode.camera_from_points.translation();
             Placed {

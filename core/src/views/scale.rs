@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::fit::{Fit, Member};
 use super::solution::Scale;
-use crate::geometry::{normalised_by_point, parts};
+use crate::geometry::{join, normalised_by_point, parts};
 use crate::pnp::INLIER;
 
 /// One Gauss-Newton step from a fitted pose in pose and scale together: scales are near 1.
@@ -43,7 +43,7 @@ fn derivatives(member: &Member<'_>, fit: &Fit, step: &Vector6<f64>) -> Option<(V
         let by_point = seen.whitening * normalised_by_point(&at);
         let by_scale = by_point * rotated;
         let pull = by_point.transpose() * by_scale;
-        of_pose += crate::geometry::join(&pull, &rotated.cross(&pull)) * member.share;
+        of_pose += join(&pull, &rotated.cross(&pull)) * member.share;
         of_scale += by_scale.norm_squared() * member.share;
         slope += by_scale.dot(&residual) * member.share;
     }

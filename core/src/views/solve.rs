@@ -2,11 +2,12 @@ use nalgebra::{Vector3, Vector6};
 
 use super::consensus::{self, forgive_turn};
 use super::fit::{Fit, Member, Start, fit};
+use super::options::ViewsOptions;
 use super::prepared::{Body, Placed, Prepared};
 use super::scale::scale;
 use super::solution::{Doubts, Exclusion, ViewFit, ViewsSolution};
-use super::view::{View, ViewsError, isotropic_covariance};
-use crate::geometry::{Camera, Covariance6, Pose, Symmetries, covariance_about};
+use super::view::{View, ViewsError};
+use crate::geometry::{Camera, Covariance6, Pose, Symmetries, covariance_about, parts};
 use crate::pnp::{INLIER, MIN_POINTS, ROBUST, Status, improbable};
 
 /// Median distance of a view's points from where the pose puts them, of their spread in the view, beyond which the view
@@ -29,27 +30,6 @@ const EXACT: f64 = 1e-7;
 /// Weight of another pose above which it must be considered.
 const AMBIGUOUS_WEIGHT: f64 = 0.05;
 const MAX_REDUCED_CHI2: f64 = 4.0;
-
-/// What is known beforehand.
-#[derive(Clone, Debug)]
-pub struct ViewsOptions {
-    /// Standard deviation added to every point, pixels: as [`crate::pnp::Options::floor_px`].
-    pub floor_px: f64,
-    /// Covariance of camera poses that state none: 1 mm and 0.1 degrees along each axis, as robots that were calibrated with
-    /// care have it.
-    pub camera_covariance: Covariance6,
-    /// Covariance of the step by which one view may see the pose off for what its points have in common, in covariances of its
-    /// own pose ([`super::Mode::covariance`]). 0 where the errors of its points are independent; `f² - 1` where its own covariance is
-    /// known to be too small by a factor of `f` along each axis.
-    pub shared_error: f64,
-}
-
-impl Default for ViewsOptions {
-    fn default() -> Self {
-        let camera_covariance = isotropic_covariance(1e-3, 0.1_f64.to_radians());
-        Self { floor_px: 0.3, camera_covariance, shared_error: 0.0 }
-    }
-}
 
 /// Solves `world_from_points` from what several cameras saw of the same 4 to 16 points (metres).
 ///
@@ -188,7 +168,7 @@ impl Scene<'_> {
         let mut chi2: f64 = fit.seen.iter().map(|seen| seen.pull.dot(&seen.step)).sum();
         let mut inliers = vec![0; views.len()];
         for (member, seen) in members.iter().zip(&fit.seen) {
-            let (translation, rotation) = crate::geometry::parts(&seen.step);
+            let (translation, rotation) = parts(&seen.step);
             let camera_from_centred = member.view.camera_from_world * pose.perturbed(&translation, &rotation);
             for point in member.problem.observations() {
                 let squared = point.mahalanobis_squared(&camera_from_centred);
@@ -205,7 +185,8 @@ impl Scene<'_> {
         let degrees_of_freedom = (weighted - 6.0).max(0.0);
         let reduced = chi2 / degrees_of_freedom.max(1.0);
         let inflation = if chi2 > improbable(degrees_of_freedom) { reduced } else { 1.0 };
-        let fits = (0..views.len()).map(|index| self.view_fit(best, index, inliers[index], points, views[index].camera));
+        let fits =
+            (0..views.len()).map(|index| self.view_fit(best, index, inliers[index], points, views[index].camera));
         let view_angle_rad = self.widest_angle(members, &pose);
         let scale = (members.len() >= SCALE_VIEWS && view_angle_rad > SCALE_ANGLE_RAD).then(|| scale(members, fit));
         let scale = scale.flatten().map(|mut scale| {
@@ -257,9 +238,7 @@ impl Scene<'_> {
         for seen in view.problem.observations() {
             let pixel = camera.project(&camera_from_points.transform(&points[seen.index]));
             let outlier = member.is_some() && seen.mahalanobis_squared(&(view.camera_from_world * as_seen)) > FAR;
-            if let (Ok(pixel), Ok(observed), false) =
-                (pixel, camera.project(&seen.image.push(1.0)), outlier)
-            {
+            if let (Ok(pixel), Ok(observed), false) = (pixel, camera.project(&seen.image.push(1.0)), outlier) {
                 sum += (pixel - observed).norm_squared();
                 count += 1.0;
             }
@@ -297,9 +276,7 @@ impl Scene<'_> {
 const FAR: f64 = 100.0;
 
 fn status(doubts: Doubts) -> Status {
-    let all = [
-        (doubts.ambiguous, Status::Ambiguous),
-        (doubts.high_residual || doubts.no_majority, Status::LowConfidence),
-    ];
+    let all =
+        [(doubts.ambiguous, Status::Ambiguous), (doubts.high_residual || doubts.no_majority, Status::LowConfidence)];
     all.into_iter().filter(|(holds, _)| *holds).map(|(_, status)| status).max().unwrap_or(Status::Ok)
 }

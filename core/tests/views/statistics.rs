@@ -146,7 +146,12 @@ fn a_view_twice_counts_once() {
         let seen = scene.see(&camera, 1.0);
         let (once, twice) = (scene.solve(std::slice::from_ref(&seen)), scene.solve(&[seen.clone(), seen]));
         assert!(twice.doubts.weak_baseline && !once.doubts.weak_baseline);
-        println!("{problem} {} {} {:?}", once.chi2, twice.chi2, once.world_from_points.step_to(&twice.world_from_points));
+        println!(
+            "{problem} {} {} {:?}",
+            once.chi2,
+            twice.chi2,
+            once.world_from_points.step_to(&twice.world_from_points)
+        );
         let (a, b) = (once.covariance.determinant(), twice.covariance.determinant());
         assert!((a / b - 1.0).abs() < 0.05, "{problem}: {a} {b}");
     }

@@ -14,7 +14,8 @@ fn half_turn(axis: Vector3<f64>, through: Vector3<f64>) -> Pose {
 #[test]
 fn views_may_see_different_equals() {
     let through = Vector3::new(0.02, 0.01, -0.01);
-    let bar = Symmetries::new(&[half_turn(Vector3::x(), through), half_turn(Vector3::y(), through)], Vec::new()).unwrap();
+    let bar =
+        Symmetries::new(&[half_turn(Vector3::x(), through), half_turn(Vector3::y(), through)], Vec::new()).unwrap();
     for problem in 0..200 {
         let mut scene = Scene::new(50, problem);
         let pose = scene.world_from_points;

@@ -34,7 +34,7 @@ fn errors_name_the_view() {
         error(|seen| seen[1].pixels[2] = Vector2::new(f64::NAN, 0.0)),
         ViewsError::View { view: 1, source: PnpError::NotFinite { index: 2 } }
     );
-    let message = error(|seen| drop(seen[0].pixels.pop())).to_string();
+    let message = error(|seen| seen[0].pixels.truncate(13)).to_string();
     assert!(message.starts_with("view 0: 14 points, 13 pixels"), "{message}");
     assert_eq!(error(|seen| seen.iter_mut().for_each(|seen| seen.modes.clear())), ViewsError::NoModes);
     assert_eq!(error(Vec::clear), ViewsError::NoModes);

@@ -28,9 +28,11 @@ pub fn fuse(
         let instance = |seen: Vec<Seen<'_>>| Instance { model, offset, seen }.fused();
         let all: Vec<Seen<'_>> = seen(class, cameras, estimates);
         let (placed, lost): (Vec<_>, Vec<_>) = all.into_iter().partition(|seen| is_sighting(seen.found));
-        fused.extend(groups(model, &placed).into_iter().map(|group| {
-            instance(group.into_iter().map(|index| placed[index]).collect())
-        }));
+        fused.extend(
+            groups(model, &placed)
+                .into_iter()
+                .map(|group| instance(group.into_iter().map(|index| placed[index]).collect())),
+        );
         fused.extend(lost.into_iter().map(|seen| instance(vec![seen])));
     }
     fused.sort_by(|a, b| {

@@ -80,8 +80,7 @@ impl ViewsPicture {
         });
         let BoundingBox { x, y, width, height } = own.detection.bounding_box;
         let [across, down] = self.scale;
-        let bounding_box =
-            BoundingBox { x: x * across, y: y * down, width: width * across, height: height * down };
+        let bounding_box = BoundingBox { x: x * across, y: y * down, width: width * across, height: height * down };
         Some(Mark { bounding_box, colour, label: format!("{}{suffix}", object.object), pose })
     }
 

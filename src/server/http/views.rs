@@ -83,7 +83,8 @@ async fn draw(answer: ViewsAnswer, format: ImageFormat) -> Result<Response, Fail
     let (pictures, room): (Vec<ViewsPicture>, Vec<_>) = pictures.into_iter().unzip();
     let drawn = tokio::task::spawn_blocking(move || {
         let each = pictures.into_iter().zip(&views).enumerate();
-        let drawn: Vec<_> = each.map(|(view, (picture, answer))| picture.drawn(view, &answer.estimate, &fused)).collect();
+        let drawn: Vec<_> =
+            each.map(|(view, (picture, answer))| picture.drawn(view, &answer.estimate, &fused)).collect();
         encode(&ViewsPicture::side_by_side(&drawn), format)
     });
     let drawn = drawn.await.map_err(|error| failed(&error.to_string()))?;

@@ -28,4 +28,4 @@ pub(crate) use recalibrate::{KnownView, Recalibration};
 pub(crate) use recent::Latency;
 pub(crate) use state::{Answered, LoadFailure, Service};
 pub(crate) use status::StatusSnapshot;
-pub(crate) use views::{CheckedViews, ViewCamera, ViewCameras, ViewsAnswer, ViewsRequest, ViewsWork};
+pub(crate) use views::{ViewCamera, ViewCameras, ViewsAnswer, ViewsRequest, ViewsWork};

@@ -89,7 +89,8 @@ impl Service {
         let cameras = self.view_cameras(cameras)?;
         self.check_view_count(images.max(cameras.len()))?;
         if cameras.len() != images {
-            let message = format!("{images} images for {} cameras; send one image for each, in their order", cameras.len());
+            let message =
+                format!("{images} images for {} cameras; send one image for each, in their order", cameras.len());
             return Err(Failure::invalid(message));
         }
         check_places(&cameras)?;
@@ -118,9 +119,9 @@ impl Service {
         let in_world = |camera: &crate::model::RigCamera| ViewCamera {
             camera: CameraChoice::Given(camera.camera.clone()),
             world_from_camera: world_from_rig * camera.rig_from_camera,
-            covariance: camera.covariance.map(|covariance| {
-                posed_core::geometry::rotated_covariance(world_from_rig.rotation(), &covariance)
-            }),
+            covariance: camera
+                .covariance
+                .map(|covariance| posed_core::geometry::rotated_covariance(world_from_rig.rotation(), &covariance)),
         };
         Ok(rig.cameras.iter().map(in_world).collect())
     }

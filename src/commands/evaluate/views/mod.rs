@@ -1,11 +1,12 @@
 //! Accuracy of poses that several views of a scene agree in.
 
-mod score;
 mod scenes;
+mod score;
 mod spoil;
 mod table;
 
 use std::error::Error;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,7 +14,6 @@ use fastrand::Rng;
 
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
-use super::print;
 use crate::estimator::{Estimate, Estimator, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
 use crate::model::{Library, References};
@@ -85,7 +85,7 @@ impl SeveralViews<'_> {
         if rows.iter().all(|row| row.poses == 0) {
             return Err("no object is seen by so many views with known camera poses; see --visible".into());
         }
-        Ok(print(&table::table(&rows, splits.wrong_views))?)
+        Ok(std::io::stdout().write_all(table::table(&rows, splits.wrong_views).as_bytes())?)
     }
 }
 

@@ -62,7 +62,9 @@ impl ViewsForm {
     pub(crate) fn translate(self) -> Result<(ViewsRequest, Option<RawLayout>), Failure> {
         let raw = self.raw.map(RawLayout::try_from).transpose();
         let raw = raw.map_err(|error| Failure::invalid(format!("field 'raw': {error}")))?;
-        let Self { views, rig, world_from_rig, objects, max_instances, min_confidence, allow_resize, captured_at, .. } = self;
+        let Self {
+            views, rig, world_from_rig, objects, max_instances, min_confidence, allow_resize, captured_at, ..
+        } = self;
         let cameras = match (views, rig, world_from_rig) {
             (Some(views), None, None) => {
                 let views = views.into_iter().enumerate().map(|(view, form)| form.translate(view));
@@ -74,10 +76,14 @@ impl ViewsForm {
             }
             (Some(_), Some(_), _) => return Err(Failure::invalid("set either 'views' or 'rig', not both")),
             (Some(_), None, Some(_)) => {
-                return Err(Failure::invalid("field 'world_from_rig' is for 'rig'; each of 'views' has 'world_from_camera'"));
+                return Err(Failure::invalid(
+                    "field 'world_from_rig' is for 'rig'; each of 'views' has 'world_from_camera'",
+                ));
             }
             (None, None, _) => {
-                return Err(Failure::invalid("no cameras; set 'views' (a camera and its pose for each image), or 'rig' (an id)"));
+                return Err(Failure::invalid(
+                    "no cameras; set 'views' (a camera and its pose for each image), or 'rig' (an id)",
+                ));
             }
         };
         // Checked before it is copied for each image.
