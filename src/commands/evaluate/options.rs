@@ -88,12 +88,17 @@ impl Asked {
             ("object", first_twice(&self.objects)),
             ("--split", first_twice(&splits).map(|path| path.display().to_string())),
             ("--visible", first_twice(&ranges)),
+            ("--views", first_twice(&self.splits.views).map(|views| views.to_string())),
         ] {
             if let Some(twice) = twice {
                 return Err(format!("{what} {twice} is given twice"));
             }
         }
-        Ok(())
+        let wrong = self.splits.wrong_views;
+        match self.splits.views.iter().find(|views| **views <= wrong) {
+            Some(views) => Err(format!("--wrong-views {wrong} of --views {views} leaves none that is right; give fewer")),
+            None => Ok(()),
+        }
     }
 }
 
