@@ -48,7 +48,7 @@ impl Outcome {
         };
         let Some(fused) = fused.iter().find(near) else { return missing };
         let Some((pose, covariance)) = &fused.pose else { return missing };
-        let add_m = points.add_m(pose, world_from_object);
+        let add_m = points.average_distance_m(pose, world_from_object);
         let truth = points.symmetries().nearest(world_from_object, pose);
         let used = fused.views.iter().find(|view| view.left_out.is_none());
         let nees = used.and_then(|used| {
