@@ -21,6 +21,21 @@ struct Seen {
     modes: Vec<Mode>,
 }
 
+impl Seen {
+    fn view<'a>(&'a self, camera: &'a Camera, covariances_px: &'a [Matrix2<f64>]) -> View<'a> {
+        let Self { world_from_camera, pixels, modes } = self;
+        View {
+            camera,
+            world_from_camera: *world_from_camera,
+            camera_covariance: None,
+            pixels,
+            covariances_px,
+            modes,
+            trust: 1.0,
+        }
+    }
+}
+
 fn scene(rng: &mut SmallRng, camera: &Camera, points: &[Vector3<f64>], views: usize) -> Vec<Seen> {
     let mut unit = || rng.random_range(-1.0..1.0f64);
     let view = |_| {
@@ -53,19 +68,8 @@ fn solving(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(format!("{views} views of {POINTS} points")), |bencher| {
             bencher.iter(|| {
                 next = (next + 1) % SCENES;
-                let view = |seen| {
-                    let Seen { world_from_camera, pixels, modes } = seen;
-                    View {
-                        camera: &camera,
-                        world_from_camera: *world_from_camera,
-                        camera_covariance: None,
-                        pixels,
-                        covariances_px: &covariances,
-                        modes,
-                        trust: 1.0,
-                    }
-                };
-                let views: Vec<_> = black_box(&scenes[next]).iter().map(view).collect();
+                let views: Vec<_> =
+                    black_box(&scenes[next]).iter().map(|seen| seen.view(&camera, &covariances)).collect();
                 solve_views(&points, &views, &symmetries, &options)
             });
         });

@@ -109,7 +109,8 @@ mod tests {
     #[test]
     fn fields_of_views_are_counted_and_their_images_are_not() {
         let view = View { image: vec![0x12; 5000].into(), ..View::default() };
-        let request = |views| EstimateViewsRequest { views: vec![view.clone(); views], ..EstimateViewsRequest::default() };
+        let request =
+            |views| EstimateViewsRequest { views: vec![view.clone(); views], ..EstimateViewsRequest::default() };
         // Each view, and its image.
         assert_eq!(count_fields(&request(16).encode_to_vec(), MAX_DEPTH), 32);
         assert!(count_fields(&request(5000).encode_to_vec(), MAX_DEPTH) > MAX_FIELDS);

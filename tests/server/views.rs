@@ -10,6 +10,9 @@ use tonic::Code;
 
 use crate::support::{Server, assert_scene_right, assert_still_works, error, json, metrics, png, scene, scene_cameras};
 
+/// Several images in a debug build on a busy machine.
+const PATIENT: [&str; 2] = ["--timeout-ms", "60000"];
+
 fn form(images: &[Vec<u8>], request: &Value) -> Form {
     let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image.jpg");
     let images = images.iter().fold(Form::new(), |form, bytes| form.part("image", image(bytes)));
@@ -36,13 +39,13 @@ async fn answer(server: &Server, images: &[Vec<u8>], request: &Value) -> Value {
 
 #[tokio::test]
 async fn three_views_give_one_pose_of_each_object() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, _) = scene();
     let by_rig = answer(&server, &images, &value!({"rig": "scene", "captured_at": "now"})).await;
     assert_scene_right(&by_rig, 0.06);
     assert_eq!(by_rig["captured_at"], "now");
     assert_eq!(by_rig["views"].as_array().unwrap().len(), 3);
-    for object in by_rig["objects"].as_array().unwrap() {
+    for object in by_rig["objects"].as_array().unwrap().iter().filter(|object| object["status"] != "rejected") {
         let used = object["views"].as_array().unwrap().iter().filter(|view| view["used"] == true).count();
         assert!(used >= 2, "{object}");
         // What the camera sees is where the world has it.
@@ -73,11 +76,11 @@ async fn three_views_give_one_pose_of_each_object() {
 /// The depth that one view has to guess is where several views help.
 #[tokio::test]
 async fn covariances_shrink_with_views() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, _) = scene();
     let answer = answer(&server, &images, &value!({"rig": "scene"})).await;
     let trace = |covariance: &Value| (0..3).map(|axis| covariance[axis][axis].as_f64().unwrap()).sum::<f64>();
-    for object in answer["objects"].as_array().unwrap() {
+    for object in answer["objects"].as_array().unwrap().iter().filter(|object| object["status"] != "rejected") {
         let fused = trace(&object["world_from_object"]["covariance"]);
         let alone = |view: &Value| {
             let index = |field: &str| usize::try_from(view[field].as_u64().unwrap()).unwrap();
@@ -92,7 +95,7 @@ async fn covariances_shrink_with_views() {
 /// A camera that stands elsewhere than it is said to is found out, and does no harm.
 #[tokio::test]
 async fn a_wrong_view_is_named() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, known) = scene();
     let mut poses = scene_cameras();
     // The first image again, as if from where the second camera stands.
@@ -121,7 +124,7 @@ async fn a_wrong_view_is_named() {
 /// No baseline, no fusion: said, and answered as one view has it.
 #[tokio::test]
 async fn cameras_in_one_place_are_answered_as_single_views() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, _) = scene();
     let pose = &scene_cameras()[0];
     let images = vec![images[0].clone(); 2];
@@ -139,7 +142,7 @@ async fn cameras_in_one_place_are_answered_as_single_views() {
 
 #[tokio::test]
 async fn the_answer_can_be_a_picture_of_all_views() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, _) = scene();
     let form = form(&images, &value!({"rig": "scene"}));
     let request = Client::new().post(server.url("/v1/poses/views")).header(ACCEPT, "image/png").multipart(form);
@@ -159,7 +162,7 @@ async fn the_answer_can_be_a_picture_of_all_views() {
 
 #[tokio::test]
 async fn bad_requests_say_what_is_wrong() {
-    let server = Server::start(&["--max-views", "4"]);
+    let server = Server::start(&[&PATIENT[..], &["--max-views", "4"]].concat());
     let (images, _) = scene();
     let poses = scene_cameras();
     let changed = |change: &dyn Fn(&mut Value)| {
@@ -215,7 +218,7 @@ async fn bad_requests_say_what_is_wrong() {
 
 #[tokio::test]
 async fn grpc_says_the_same() {
-    let server = Server::start(&[]);
+    let server = Server::start(&PATIENT);
     let (images, _) = scene();
     let mut client = PoseServiceClient::connect(format!("http://{}", server.grpc)).await.unwrap();
     let view = |bytes: &Vec<u8>| proto::View { image: bytes.clone().into(), ..proto::View::default() };

@@ -96,7 +96,9 @@ impl Asked {
         }
         let wrong = self.splits.wrong_views;
         match self.splits.views.iter().find(|views| **views <= wrong) {
-            Some(views) => Err(format!("--wrong-views {wrong} of --views {views} leaves none that is right; give fewer")),
+            Some(views) => {
+                Err(format!("--wrong-views {wrong} of --views {views} leaves none that is right; give fewer"))
+            }
             None => Ok(()),
         }
     }
