@@ -44,18 +44,11 @@ pub(super) fn assign(rows: usize, columns: usize, cost: impl Fn(usize, usize) ->
             }
         };
         let mut column = end;
-        loop {
-            match before[column] {
-                Some(previous) => {
-                    taken[column] = taken[previous];
-                    column = previous;
-                }
-                None => {
-                    taken[column] = Some(first);
-                    break;
-                }
-            }
+        while let Some(previous) = before[column] {
+            taken[column] = taken[previous];
+            column = previous;
         }
+        taken[column] = Some(first);
     }
     let mut of_row = vec![None; rows];
     for (column, row) in taken.into_iter().enumerate().take(columns) {

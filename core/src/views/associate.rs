@@ -119,7 +119,9 @@ fn group(sightings: &[Sighting], gains: &[f64]) -> Vec<Vec<usize>> {
                     None => groups.push(vec![*index]),
                 }
             }
-            groups.iter_mut().for_each(|group| group.sort_unstable());
+            for group in &mut groups {
+                group.sort_unstable();
+            }
             groups.sort_unstable();
             moved |= groups != before;
         }

@@ -68,6 +68,7 @@ pub enum Exclusion {
 
 /// What speaks against a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "a list of what may hold")]
 pub struct Doubts {
     /// A view contradicts the others, and is left out.
     pub views_disagree: bool,

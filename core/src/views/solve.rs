@@ -187,7 +187,7 @@ impl Scene<'_> {
         let inflation = if chi2 > improbable(degrees_of_freedom) { reduced } else { 1.0 };
         let fits =
             (0..views.len()).map(|index| self.view_fit(best, index, inliers[index], points, views[index].camera));
-        let view_angle_rad = self.widest_angle(members, &pose);
+        let view_angle_rad = widest_angle(members, &pose);
         let scale = (members.len() >= SCALE_VIEWS && view_angle_rad > SCALE_ANGLE_RAD).then(|| scale(members, fit));
         let scale = scale.flatten().map(|mut scale| {
             scale.sigma *= inflation.sqrt();
@@ -251,12 +251,6 @@ impl Scene<'_> {
         }
     }
 
-    fn widest_angle(&self, members: &[Member<'_>], pose: &Pose) -> f64 {
-        let rays: Vec<_> = members.iter().map(|member| member.view.ray(pose)).collect();
-        let pairs = rays.iter().enumerate().flat_map(|(k, a)| rays[..k].iter().map(move |b| a.angle(b)));
-        pairs.fold(0.0, f64::max)
-    }
-
     /// The next best pose that is another one, weighted as in [`crate::pnp::solve`].
     fn alternative(&self, best: &Settled<'_>, others: &[Settled<'_>]) -> Option<(Pose, f64)> {
         let pose = best.fit.pose;
@@ -270,6 +264,13 @@ impl Scene<'_> {
         let weight = if ratio.is_finite() { ratio / (1.0 + ratio) } else { 0.5 };
         Some((self.body.with_origin(&other.fit.pose), weight))
     }
+}
+
+/// Between the directions from which the members see the object.
+fn widest_angle(members: &[Member<'_>], pose: &Pose) -> f64 {
+    let rays: Vec<_> = members.iter().map(|member| member.view.ray(pose)).collect();
+    let pairs = rays.iter().enumerate().flat_map(|(k, a)| rays[..k].iter().map(move |b| a.angle(b)));
+    pairs.fold(0.0, f64::max)
 }
 
 /// Points this far (squared Mahalanobis distance) from a fused pose are outliers of their view.

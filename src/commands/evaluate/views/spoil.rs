@@ -9,6 +9,7 @@ use posed_core::geometry::Pose;
 
 /// An object that is turned by less from one that looks the same is hardly turned.
 const LEAST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_3;
+const MAX_DRAWS: usize = 100;
 
 /// Lets a view see an object turned by half a turn about a random axis through its middle, with the errors that its keypoints have.
 /// False where the view does not see the object.
@@ -19,17 +20,17 @@ pub(super) fn flip(estimate: &mut Estimate, class: usize, model: &ObjectModel, r
     });
     let Some((camera_from_object, camera_from_keypoints)) = first else { return false };
     let keypoints_from_object = camera_from_keypoints.inverse() * camera_from_object;
-    let flip = loop {
+    let mut drawn = || {
         let axis = Vector3::from_fn(|_, _| random.f64() - 0.5);
         let half_turn = Rotation3::from_axis_angle(&Unit::new_normalize(axis), std::f64::consts::PI);
         let flip = Pose::new(half_turn, Vector3::zeros());
         let turned = camera_from_keypoints * flip * keypoints_from_object;
-        let equal = model.symmetries.nearest(&turned, &camera_from_object);
-        // An object of revolution has no other side but its ends.
-        if equal.angle_to(&camera_from_object) > LEAST_TURN_RAD || !model.symmetries.continuous().is_empty() {
-            break flip;
-        }
+        (flip, model.symmetries.nearest(&turned, &camera_from_object).angle_to(&camera_from_object))
     };
+    // Of a symmetric object many a half turn is hardly one.
+    let first = drawn();
+    let widest = |best: (Pose, f64), other: (Pose, f64)| if best.1 < LEAST_TURN_RAD { other } else { best };
+    let (flip, _) = (0..MAX_DRAWS).fold(first, |best, _| widest(best, drawn()));
     let camera = estimate.camera.clone();
     let mut flipped = false;
     for found in estimate.poses.iter_mut().filter(|found| found.detection.object == class) {
