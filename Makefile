@@ -42,7 +42,7 @@ fmt: ## Formats the code.
 	cargo fmt --all
 
 bench: onnxruntime ## Times the solver, the stages around the networks and the errors of an evaluation.
-	cargo bench --locked --package posed-core --bench pnp
+	cargo bench --locked --package posed-core --bench pnp --bench views
 	cargo bench --locked --bench stages --bench evaluation
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.

@@ -9,12 +9,17 @@ use serde::Deserialize;
 
 use super::dataset::DatasetArgs;
 use super::models::ModelArgs;
-use crate::estimator::{CalibrateOptions, KeypointSolver, MeasuredView, calibrate, no_view_twice};
+use crate::estimator::{
+    CalibrateOptions, KeypointPrediction, KeypointSolver, LocatedView, MeasuredView, calibrate, fit_keypoints_scale,
+    no_view_twice,
+};
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
 use crate::vision::{BoundingBox, DecodeOptions, Image, decode, encode, read_image};
 use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
 use posed_core::geometry::{Camera, Pose};
+use posed_core::pnp::{self, solve};
+use posed_core::views::Scale;
 
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("source").required(true))]
@@ -43,6 +48,10 @@ pub(super) struct Calibrate {
     /// The origin of the object's frame may lie farther from the object than the object is large.
     #[arg(long)]
     far_origin: bool,
+    /// Store the scale of the keypoints that the references show, and not only say it: for a network that sees its object a
+    /// percent too large or too small. Needs at least three references from different sides.
+    #[arg(long)]
+    fit_scale: bool,
     #[command(flatten)]
     dataset: DatasetArgs,
     #[command(flatten)]
@@ -74,6 +83,15 @@ struct Known {
     camera: Camera,
     camera_from_object: Pose,
     region: BoundingBox,
+}
+
+/// All references, before they become an offset.
+struct Measured<'a> {
+    model: &'a ObjectModel,
+    known: &'a [Known],
+    /// Their files' names and bytes.
+    files: &'a [(String, Vec<u8>)],
+    located: &'a [LocatedView],
 }
 
 /// One entry of `--references`.
@@ -134,20 +152,66 @@ impl Calibrate {
         let stated = known.iter().map(|known| (known.path.display().to_string(), known.camera_from_object));
         no_view_twice(&stated.collect::<Vec<_>>())?;
         let mut solver = KeypointSolver::new(&model, &self.models.runtime()?)?;
-        let mut views = Vec::with_capacity(known.len());
+        let mut located = Vec::with_capacity(known.len());
         let mut files = Vec::with_capacity(known.len());
         for known in &known {
             let name = known.path.display();
             let (bytes, ending) = encoded(&known.path).map_err(|error| format!("{name}: {error}"))?;
             let file = References::image_name(&self.object, &bytes, &ending);
-            views.push(measure(&mut solver, known, &bytes, file.clone()).map_err(|error| format!("{name}: {error}"))?);
+            located.push(locate(&mut solver, known, &bytes).map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
-        let reference =
-            calibrate(&model, views, CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin })?;
+        let measured = Measured { model: &model, known: &known, files: &files, located: &located };
+        let mut reference = self.calibrate(&measured, 1.0)?;
+        let scale = fit_keypoints_scale(&model, &located, &reference.offset);
+        if let Some(scale) = scale.filter(|_| self.fit_scale) {
+            reference = self.calibrate(&measured, scale.value)?;
+        }
         print(&reference);
+        self.tell_scale(scale)?;
         References::write(&self.models.reference, &reference, &files)?;
         println!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
+        Ok(())
+    }
+
+    /// The reference that follows from keypoints of some scale.
+    fn calibrate(&self, measured: &Measured<'_>, keypoints_scale: f64) -> Result<Reference, Box<dyn Error>> {
+        let Measured { model, known, files, located } = measured;
+        let points = model.manifest.keypoints_scaled_by(keypoints_scale);
+        let view = |((known, (file, _)), located): ((&Known, &(String, Vec<u8>)), &LocatedView)| {
+            let KeypointPrediction { pixels, covariances, .. } = &located.prediction;
+            let solution = solve(&points, pixels, covariances, &located.camera, &pnp::Options::default());
+            let solution = solution.map_err(|error| format!("{}: {error}", known.path.display()))?;
+            Ok(MeasuredView {
+                file: file.clone(),
+                camera: located.camera.clone(),
+                camera_from_object: known.camera_from_object,
+                region: known.region,
+                solution,
+                keypoints_scale,
+            })
+        };
+        let views = known.iter().zip(*files).zip(*located).map(view).collect::<Result<Vec<_>, String>>()?;
+        Ok(calibrate(model, views, CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin })?)
+    }
+
+    fn tell_scale(&self, scale: Option<Scale>) -> Result<(), String> {
+        let Some(scale) = scale else {
+            if self.fit_scale {
+                return Err(
+                    "--fit-scale needs at least three references that agree, from sides that are 20 degrees or more \
+                            apart"
+                        .into(),
+                );
+            }
+            return Ok(());
+        };
+        let verdict = match (scale.is_off(), self.fit_scale) {
+            (_, true) => "stored",
+            (true, false) => "differs from 1 by more than 3 sigma; add --fit-scale to store it",
+            (false, false) => "1 within 3 sigma",
+        };
+        println!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma);
         Ok(())
     }
 
@@ -180,17 +244,12 @@ fn encoded(path: &Path) -> Result<(Vec<u8>, String), Box<dyn Error>> {
     Ok((fs::read(path)?, ending))
 }
 
-fn measure(
-    solver: &mut KeypointSolver<'_>,
-    known: &Known,
-    bytes: &[u8],
-    file: String,
-) -> Result<MeasuredView, Box<dyn Error>> {
+fn locate(solver: &mut KeypointSolver<'_>, known: &Known, bytes: &[u8]) -> Result<LocatedView, Box<dyn Error>> {
     let image = decode(&Image::Encoded(bytes.to_vec().into()), &DecodeOptions::default())?.image;
     let camera = known.camera.for_image(image.width(), image.height())?;
-    let solution = solver.solve(&image, &known.region, &camera)??;
+    let prediction = solver.locate(&image, &known.region)?;
     let camera = camera.with_size(image.width(), image.height())?;
-    Ok(MeasuredView { file, camera, camera_from_object: known.camera_from_object, region: known.region, solution })
+    Ok(LocatedView { camera, camera_from_object: known.camera_from_object, prediction })
 }
 
 fn print(reference: &Reference) {

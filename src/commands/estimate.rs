@@ -2,20 +2,22 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use image::ImageFormat;
 
 use super::models::ModelArgs;
-use crate::estimator::{Answer, CallerFrames, Estimator, Frame, ObjectPose, Selection};
-use crate::model::ModelsInUse;
-use crate::model::{read_json, write_atomically};
-use crate::server::api::json::{Report, ReportContext};
+use crate::estimator::{
+    Answer, CallerFrames, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture, fuse,
+};
+use crate::model::{ModelsInUse, Rig, RigCamera, read_json, write_atomically};
+use crate::server::api::json::{Report, ReportContext, ViewsReport};
 use crate::vision::{
     DecodeError, DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode,
 };
-use posed_core::geometry::Camera;
+use posed_core::geometry::{Camera, sigmas};
 
 #[derive(Args, Debug)]
 #[expect(clippy::doc_markdown, reason = "the comments are the help text")]
@@ -24,8 +26,12 @@ pub(super) struct Estimate {
     #[arg(required = true)]
     images: Vec<PathBuf>,
     /// File of the camera that took the images (`*.camera.json`).
-    #[arg(long)]
-    camera: PathBuf,
+    #[arg(long, required_unless_present = "rig")]
+    camera: Option<PathBuf>,
+    /// File of the rig whose cameras took the images (`*.rig.json`), one image for each camera, in their order: prints one pose
+    /// for each object, in the frame of the rig. --overlay draws all views side by side into one picture.
+    #[arg(long, value_name = "FILE.rig.json", conflicts_with = "camera")]
+    rig: Option<PathBuf>,
     /// Layout of raw frames, for example bgr8:1280x720. ENCODING is the name in ROS: rgb8, bgr8, rgba8, bgra8, mono8,
     /// bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, nv12 or yuv422_yuy2. STEP is the number of bytes from one row
     /// to the next; add it if rows have padding.
@@ -49,7 +55,10 @@ pub(super) struct Estimate {
 
 impl Estimate {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
-        let camera: Camera = read_json(&self.camera)?;
+        if let Some(rig) = &self.rig {
+            return self.views(rig);
+        }
+        let camera: Camera = read_json(self.camera.as_deref().ok_or("--camera is missing")?)?;
         let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
         let models = ModelsInUse::new(&library, self.models.provider);
         let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
@@ -73,6 +82,49 @@ impl Estimate {
             } else {
                 println!("{}", serde_json::to_string_pretty(&report)?);
             }
+        }
+        Ok(())
+    }
+
+    /// Several images of one scene.
+    fn views(&self, rig: &Path) -> Result<(), Box<dyn Error>> {
+        let rig = Rig::read_with_cameras_beside(rig)?;
+        if rig.cameras.len() != self.images.len() {
+            let (images, cameras) = (self.images.len(), rig.cameras.len());
+            return Err(
+                format!("{images} images for {cameras} cameras; give one image for each, in their order").into()
+            );
+        }
+        let (library, references) = self.models.library()?;
+        let mut estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &self.models.runtime()?)?;
+        let models = ModelsInUse::new(&library, self.models.provider);
+        let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
+        let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
+        let answer = |(path, camera): (&PathBuf, &RigCamera)| {
+            read(path, self.raw)
+                .and_then(|image| estimate(&mut estimator, &image, &camera.camera, &selection, &options))
+                .map_err(|error| format!("{}: {error}{}", path.display(), Self::advice(error.as_ref())))
+        };
+        let mut answers = self.images.iter().zip(&rig.cameras).map(answer).collect::<Result<Vec<_>, _>>()?;
+        let posed = |camera: &RigCamera| PosedCamera {
+            world_from_camera: camera.rig_from_camera,
+            covariance: camera.covariance,
+        };
+        let cameras: Vec<PosedCamera> = rig.cameras.iter().map(posed).collect();
+        let images: Vec<_> = answers.iter_mut().filter_map(|answer| answer.image.take()).collect();
+        let estimates: Vec<&crate::estimator::Estimate> = answers.iter().map(|answer| &answer.estimate).collect();
+        let fused = fuse(&library, &references, &cameras, &estimates);
+        if let Some(out) = &self.overlay {
+            let each = images.iter().zip(&estimates).enumerate();
+            let drawn: Vec<_> =
+                each.map(|(view, (image, estimate))| ViewsPicture::of(image).drawn(view, estimate, &fused)).collect();
+            write_atomically(out, &encode(&ViewsPicture::side_by_side(&drawn), ImageFormat::Png)?)
+                .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
+        }
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, &models, None))?);
+        } else {
+            print_fused(&fused);
         }
         Ok(())
     }
@@ -141,6 +193,24 @@ fn estimate(
         decode,
         total: start.elapsed(),
     })
+}
+
+fn print_fused(fused: &[FusedPose]) {
+    println!(
+        "{:<12} {:<15} {:>8}  {:>26}  {:>10}  reasons",
+        "object", "status", "views", "translation x y z (m)", "sigma (mm)"
+    );
+    for object in fused {
+        let used = object.views.iter().filter(|view| view.left_out.is_none()).count();
+        let views = format!("{used} of {}", object.views.len());
+        let (translation, sigma) = object.pose.as_ref().map_or_else(Default::default, |(pose, covariance)| {
+            let [x, y, z] = pose.translation_m();
+            (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.1}", 1e3 * sigmas(covariance).0))
+        });
+        let reasons: Vec<_> = object.verdict.reasons.iter().map(|reason| reason.to_string()).collect();
+        let (name, status, reasons) = (&object.object, object.verdict.status, reasons.join(", "));
+        println!("{name:<12} {status:<15} {views:>8}  {translation:>26}  {sigma:>10}  {reasons}");
+    }
 }
 
 fn print_table(path: &Path, poses: &[ObjectPose]) {

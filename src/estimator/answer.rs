@@ -6,6 +6,7 @@ use thiserror::Error;
 use crate::model::RuntimeError;
 use posed_core::geometry::{Camera, CameraError, Covariance6, Pose, rotated_covariance};
 use posed_core::pnp::{PnpError, Status};
+use posed_core::views::Mode;
 
 use super::verdict::Verdict;
 use crate::vision::{BoundingBox, ResampleError};
@@ -153,6 +154,10 @@ pub struct SolvedPose {
     pub alternatives: Vec<(Pose, f64)>,
     /// Posterior weight of this pose among the alternatives.
     pub weight: f64,
+    /// What the image says by itself, for fusing it with others.
+    pub evidence: Evidence,
+    /// What the reference multiplies the virtual keypoints' coordinates by.
+    pub keypoints_scale: f64,
     /// Corners of the box that the virtual keypoints span, in the camera's frame, metres; bit k of the index is axis k.
     pub box_in_camera: [Vector3<f64>; 8],
 }
@@ -177,6 +182,16 @@ impl SolvedPose {
         let covariance = rotated_covariance(frame_from_camera.rotation(), &self.image_covariance);
         (*frame_from_camera * self.camera_from_object, covariance)
     }
+}
+
+/// What one image says of an object, in frame `keypoints` and without the offset's uncertainty, which all images share.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    /// Where the network sees the virtual keypoints, with covariances: image pixels.
+    pub pixels: Vec<Vector2<f64>>,
+    pub covariances: Vec<Matrix2<f64>>,
+    /// The poses `camera_from_keypoints` that explain it, best first.
+    pub modes: Vec<Mode>,
 }
 
 /// One keypoint of a solved pose.

@@ -23,6 +23,8 @@ pub struct MeasuredView {
     pub region: BoundingBox,
     /// Pose of the virtual keypoints in this image.
     pub solution: Solution,
+    /// What their coordinates were multiplied by before: the same in all images.
+    pub keypoints_scale: f64,
 }
 
 /// References that no offset follows from.
@@ -56,6 +58,7 @@ pub fn calibrate(
     let CalibrateOptions { mode, far_origin } = options;
     let measured = |view: &MeasuredView| {
         let offset = measure_offset(&view.camera_from_object, &view.solution);
+        let offset = offset.map(|offset| offset.of_keypoints_scaled_by(view.keypoints_scale));
         offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })
     };
     let offsets = views.iter().map(measured).collect::<Result<Vec<_>, _>>()?;

@@ -1,13 +1,14 @@
 //! From keypoints to a pose that a robot can trust, or a reason why not.
 
-use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
+use super::answer::{Detection, Evidence, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
 use crate::model::ObjectModel;
 use crate::vision::{BoundingBox, box_corners};
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
-use posed_core::pnp::{self, Solution, Status};
+use posed_core::pnp::{Solution, Status};
+use posed_core::views::Mode;
 
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
@@ -46,7 +47,7 @@ pub(super) fn object_pose(
         verdict.object(Reason::NotFinite, Status::Rejected);
         return answer(verdict, None);
     }
-    let Ok(solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
+    let Ok(solution) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
@@ -103,7 +104,14 @@ fn solved_pose(
         outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
-        box_in_camera: box_corners(&model.manifest.keypoints()).map(|corner| solution.pose.transform(&corner)),
+        evidence: Evidence {
+            pixels: prediction.pixels.clone(),
+            covariances: prediction.covariances.clone(),
+            modes: Mode::all_of(solution),
+        },
+        keypoints_scale: offset.keypoints_scale,
+        box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale))
+            .map(|corner| solution.pose.transform(&corner)),
     }
 }
 
@@ -118,7 +126,7 @@ fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &Bound
 }
 
 /// Whether a robot should not act on a pose with this covariance.
-fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
+pub(super) fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
     let (translation_m, rotation_rad) = sigmas(covariance);
     translation_m > MAX_SIGMA_TRANSLATION * diameter_m || rotation_rad > MAX_SIGMA_ROTATION_RAD
 }

@@ -310,14 +310,15 @@ fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
     mean
 }
 
-/// The keypoints' pose, `camera_from_keypoints`.
+/// The pose of the scaled keypoints, `camera_from_keypoints`.
 pub(super) fn solve(
     manifest: &KeypointManifest,
     prediction: &KeypointPrediction,
     camera: &Camera,
-    options: &pnp::Options,
+    keypoints_scale: f64,
 ) -> Result<Solution, PnpError> {
-    pnp::solve(&manifest.keypoints(), &prediction.pixels, &prediction.covariances, camera, options)
+    let points = manifest.keypoints_scaled_by(keypoints_scale);
+    pnp::solve(&points, &prediction.pixels, &prediction.covariances, camera, &pnp::Options::default())
 }
 
 /// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
@@ -331,7 +332,7 @@ pub(super) fn solve_within(
 ) -> Result<Result<Solution, PnpError>, EstimateError> {
     let camera = camera.for_image(image.width(), image.height())?;
     let found = locate_within(manifest, network, resizer, image, region)?;
-    Ok(solve(manifest, &found, &camera, &pnp::Options::default()))
+    Ok(solve(manifest, &found, &camera, 1.0))
 }
 
 /// The keypoints within one box of an image.

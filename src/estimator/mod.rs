@@ -21,13 +21,14 @@ mod solver;
 mod stated_pose;
 mod stats;
 mod verdict;
+mod views;
 mod watchdog;
 mod worker;
 
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};
 pub use answer::{
-    Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
-    Selection, SolvedKeypoint, SolvedPose, Timings,
+    Abandoned, CallerFrames, Detection, Estimate, EstimateError, Evidence, KeypointPrediction, MeasureError,
+    ObjectPose, Selection, SolvedKeypoint, SolvedPose, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use detect::MAX_DETECTIONS;
@@ -39,4 +40,5 @@ pub use solver::KeypointSolver;
 pub use stated_pose::{StatedPoseError, no_view_twice};
 pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
+pub use views::{FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, fit_keypoints_scale, fuse};
 pub use worker::StartError;

@@ -1,7 +1,7 @@
 use fast_image_resize::Resizer;
 use image::RgbImage;
 
-use super::answer::{Detection, EstimateError, ObjectPose};
+use super::answer::{Detection, EstimateError, KeypointPrediction, ObjectPose};
 use super::gates::object_pose;
 use super::keypoints::{locate_within, solve_within};
 use crate::model::{Backend, KeypointNet, ObjectModel, RuntimeError};
@@ -35,6 +35,14 @@ impl<'a> KeypointSolver<'a> {
         camera: &Camera,
     ) -> Result<Result<Solution, PnpError>, EstimateError> {
         solve_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region, camera)
+    }
+
+    /// The keypoints within one box, image pixels.
+    ///
+    /// # Errors
+    /// When the network fails on the box.
+    pub fn locate(&mut self, image: &RgbImage, region: &BoundingBox) -> Result<KeypointPrediction, EstimateError> {
+        locate_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region)
     }
 
     /// The object's pose within one box, judged as if a detector had seen it there with certainty.

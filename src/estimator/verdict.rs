@@ -29,6 +29,12 @@ pub enum Reason {
     DarkImage,
     /// The network returned values that are not finite numbers.
     NotFinite,
+    /// Another view contradicts the pose.
+    ViewsDisagree,
+    /// The pose rests on one view of several.
+    SingleView,
+    /// All views look from nearly one direction.
+    WeakBaseline,
 }
 
 impl std::fmt::Display for Reason {
@@ -46,12 +52,15 @@ impl std::fmt::Display for Reason {
             Self::GreyImage => "grey_image",
             Self::DarkImage => "dark_image",
             Self::NotFinite => "not_finite",
+            Self::ViewsDisagree => "views_disagree",
+            Self::SingleView => "single_view",
+            Self::WeakBaseline => "weak_baseline",
         })
     }
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 12] = [
+const REASONS: [Reason; 15] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
@@ -64,11 +73,14 @@ const REASONS: [Reason; 12] = [
     Reason::DarkImage,
     Reason::NoPose,
     Reason::NotFinite,
+    Reason::ViewsDisagree,
+    Reason::SingleView,
+    Reason::WeakBaseline,
 ];
 
 /// The reasons for a status: a set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Reasons(u16);
+pub struct Reasons(u32);
 
 impl Reasons {
     /// Adds a reason; adding it again changes nothing.
@@ -93,7 +105,7 @@ impl Reasons {
         REASONS.into_iter().filter(move |reason| self.contains(*reason))
     }
 
-    fn bit(reason: Reason) -> u16 {
+    fn bit(reason: Reason) -> u32 {
         1 << reason as u8
     }
 }

@@ -8,6 +8,7 @@ mod onnx;
 mod provider;
 mod reference;
 mod references;
+mod rig;
 mod runtime;
 
 pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
@@ -22,4 +23,5 @@ pub use provider::Provider;
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::{FileVersion, InForce, References};
+pub use rig::{Rig, RigCamera, RigError};
 pub use runtime::{Runtime, available_cores};

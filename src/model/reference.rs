@@ -88,7 +88,25 @@ struct ReferenceFile {
     method: Method,
     object_from_keypoints: PoseFile,
     covariance: [[f64; 6]; 6],
+    #[serde(default = "unscaled", skip_serializing_if = "is_unscaled")]
+    keypoints_scale: f64,
     references: Vec<ReferenceView>,
+}
+
+/// A network that sees its object larger or smaller by more than that is the wrong one.
+pub(crate) const KEYPOINTS_SCALE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+
+fn unscaled() -> f64 {
+    1.0
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    clippy::float_cmp,
+    reason = "what serde asks for; exactly 1 is what is not stated"
+)]
+fn is_unscaled(scale: &f64) -> bool {
+    *scale == 1.0
 }
 
 /// How the offset follows from the reference images.
@@ -152,11 +170,15 @@ impl Reference {
         if !symmetric || covariance.cholesky().is_none() {
             return Err(invalid("covariance", "is not symmetric and positive definite".into()));
         }
+        if !KEYPOINTS_SCALE.contains(&file.keypoints_scale) {
+            let (scale, least, most) = (file.keypoints_scale, KEYPOINTS_SCALE.start(), KEYPOINTS_SCALE.end());
+            return Err(invalid("keypoints_scale", format!("is {scale}; it must be between {least} and {most}")));
+        }
         Ok(Self {
             object: file.object,
             keypoint_model_sha256: file.keypoint_model_sha256,
             method: file.method,
-            offset: Offset { object_from_keypoints, covariance },
+            offset: Offset { object_from_keypoints, covariance, keypoints_scale: file.keypoints_scale },
             views: file.references,
         })
     }
@@ -172,6 +194,7 @@ impl Reference {
             method: self.method,
             object_from_keypoints: (&self.offset.object_from_keypoints).into(),
             covariance: self.offset.covariance.transpose().into(),
+            keypoints_scale: self.offset.keypoints_scale,
             references: self.views.clone(),
         };
         let mut text =

@@ -11,7 +11,8 @@ use tonic_prost::{ProstDecoder, ProstEncoder};
 
 /// An honest request has some dozens; a name of an object alone takes 24 bytes for the two that announce it.
 const MAX_FIELDS: usize = 1024;
-/// Requests lie in frames, frames in requests of a stream, each as a field of this number. Images lie elsewhere.
+/// Requests lie in frames, frames in requests of a stream, views in requests, each as a field of this number. Images lie
+/// elsewhere.
 const NESTED: u32 = 2;
 const MAX_DEPTH: usize = 3;
 
@@ -93,7 +94,7 @@ fn count_fields(mut message: &[u8], depth: usize) -> usize {
 mod tests {
     use super::*;
     use crate::proto::estimate_stream_request::Kind;
-    use crate::proto::{EstimateRequest, EstimateStreamRequest, Frame};
+    use crate::proto::{EstimateRequest, EstimateStreamRequest, EstimateViewsRequest, Frame, View};
 
     fn frame(names: usize) -> Vec<u8> {
         let request = EstimateRequest {
@@ -103,6 +104,16 @@ mod tests {
         };
         let frame = Frame { frame_id: 7, request: Some(request) };
         EstimateStreamRequest { kind: Some(Kind::Frame(frame)) }.encode_to_vec()
+    }
+
+    #[test]
+    fn fields_of_views_are_counted_and_their_images_are_not() {
+        let view = View { image: vec![0x12; 5000].into(), ..View::default() };
+        let request =
+            |views| EstimateViewsRequest { views: vec![view.clone(); views], ..EstimateViewsRequest::default() };
+        // Each view, and its image.
+        assert_eq!(count_fields(&request(16).encode_to_vec(), MAX_DEPTH), 32);
+        assert!(count_fields(&request(5000).encode_to_vec(), MAX_DEPTH) > MAX_FIELDS);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use prost::Message as _;
 
-use super::api::json::{BatchRequest, EstimateRequest, ReferenceRequest};
+use super::api::json::{BatchRequest, EstimateRequest, ReferenceRequest, ViewsForm};
 use super::api::proto;
 
 /// Reads the part `request` of a form, of every kind.
@@ -16,10 +16,16 @@ pub fn json_request(bytes: &[u8]) {
     if let Ok(request) = serde_json::from_slice::<ReferenceRequest>(bytes) {
         drop(request.views(vec![bytes::Bytes::new()]));
     }
+    if let Ok(request) = serde_json::from_slice::<ViewsForm>(bytes) {
+        drop(request.translate());
+    }
 }
 
 /// Reads a message of the gRPC API.
 pub fn protobuf_request(bytes: &[u8]) {
+    if let Ok(message) = crate::proto::EstimateViewsRequest::decode(bytes) {
+        drop(proto::views_request(message));
+    }
     let Ok(mut message) = crate::proto::EstimateRequest::decode(bytes) else { return };
     drop(proto::image(std::mem::take(&mut message.image), message.raw_image.take()));
     drop(proto::request(message));

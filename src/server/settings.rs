@@ -100,6 +100,10 @@ pub struct Config {
     #[arg(long, env = "POSED_MAX_BATCH_IMAGES", help_heading = LIMITS)]
     #[arg(default_value_t = 16, value_parser = whole::<usize>(1..=1024))]
     pub max_batch_images: usize,
+    /// Maximum number of images in a request to `/v1/poses/views`.
+    #[arg(long, env = "POSED_MAX_VIEWS", help_heading = LIMITS)]
+    #[arg(default_value_t = 16, value_parser = whole::<usize>(2..=64))]
+    pub max_views: usize,
     /// Maximum number of open connections on each of the HTTP and gRPC ports. Further connections wait.
     #[arg(long, env = "POSED_MAX_CONNECTIONS", help_heading = LIMITS)]
     #[arg(default_value_t = 256, value_parser = whole::<usize>(8..=65_536))]

@@ -11,5 +11,6 @@ mod settings;
 mod still;
 #[path = "../support/mod.rs"]
 mod support;
+mod views;
 
 const SCENE: &str = "tests/data/scene";

@@ -22,3 +22,4 @@ mod stream;
 #[path = "../support/mod.rs"]
 mod support;
 mod upload;
+mod views;

@@ -314,3 +314,34 @@ pub fn png(image: &image::DynamicImage) -> Vec<u8> {
     image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
     bytes.into_inner()
 }
+
+/// The bundled scene that three cameras see: images in the order of the rig `scene`, and what is known of it in the rig's
+/// frame.
+pub fn scene() -> (Vec<Vec<u8>>, Vec<KnownObject>) {
+    let images = (1..=3).map(|view| read(&root().join(format!("samples/scene/view-{view}.jpg")))).collect();
+    let objects = serde_json::from_slice(&read(&root().join("samples/scene/poses.json"))).unwrap();
+    (images, objects)
+}
+
+/// `rig_from_camera` of its cameras.
+pub fn scene_cameras() -> Vec<Value> {
+    let rig: Value = serde_json::from_slice(&read(&root().join("samples/scene.rig.json"))).unwrap();
+    rig["cameras"].as_array().unwrap().iter().map(|camera| camera["rig_from_camera"].clone()).collect()
+}
+
+/// Checks that each object of the bundled scene is answered once, `ok` and right: within a share of its diameter.
+pub fn assert_scene_right(answer: &Value, limit: f64) {
+    let objects = answer["objects"].as_array().unwrap();
+    for known in scene().1 {
+        // What is rejected is a false detection in one of the views.
+        let is_it = |object: &&Value| object["object"] == known.object.as_str() && object["status"] != "rejected";
+        let found: Vec<_> = objects.iter().filter(is_it).collect();
+        assert_eq!(found.len(), 1, "{}: {objects:#?}", known.object);
+        let transform = &found[0]["world_from_object"];
+        let rotation = serde_json::from_value(transform["rotation_xyzw"].clone()).unwrap();
+        let translation = serde_json::from_value(transform["translation_m"].clone()).unwrap();
+        let error = known.error(rotation, translation);
+        assert!(error < limit, "{}: {error:.3} of the diameter", known.object);
+        assert_eq!(found[0]["status"], "ok", "{}", found[0]);
+    }
+}

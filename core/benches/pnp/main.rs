@@ -76,6 +76,7 @@ fn calibrating(criterion: &mut Criterion) {
             object_from_keypoints: Pose::identity()
                 .perturbed(&Vector3::new(small(), small(), small()), &Vector3::new(small(), small(), small())),
             covariance: Matrix6::identity() * 1e-4,
+            keypoints_scale: 1.0,
         })
         .collect();
     for mode in [Mode::Paper, Mode::Weighted] {

@@ -207,7 +207,7 @@ fn mean(chosen: &[&Offset], consensus: &Consensus) -> Offset {
     let translation =
         chosen.iter().map(|offset| offset.object_from_keypoints.translation()).sum::<Vector3<f64>>() / count;
     let covariance = chosen.iter().map(|offset| offset.covariance).sum::<Matrix6<f64>>() / (count * count);
-    Offset { object_from_keypoints: Pose::new(*pose.rotation(), translation), covariance }
+    Offset { object_from_keypoints: Pose::new(*pose.rotation(), translation), covariance, ..*chosen[0] }
 }
 
 /// Gauss-Newton on the sum of squared Mahalanobis distances to all offsets.
@@ -238,5 +238,5 @@ fn weighted_mean(chosen: &[&Offset], consensus: &Consensus) -> Option<Offset> {
     // References that scatter more than they admit make the mean less certain.
     let degrees_of_freedom = (6 * (chosen.len() - 1)).max(1) as f64;
     let covariance = total.inverse() * (chi2 / degrees_of_freedom).max(1.0);
-    Some(Offset { object_from_keypoints: pose, covariance })
+    Some(Offset { object_from_keypoints: pose, covariance, ..*chosen[0] })
 }

@@ -11,6 +11,9 @@ pub struct Offset {
     pub object_from_keypoints: Pose,
     /// Of a step along the axes of frame `object`, see [`Pose::perturbed`].
     pub covariance: Covariance6,
+    /// What the keypoints' coordinates are multiplied by before a pose is solved from them: 1 unless views from several sides
+    /// showed the object to be larger or smaller than the network learned it.
+    pub keypoints_scale: f64,
 }
 
 impl Offset {
@@ -22,6 +25,7 @@ impl Offset {
             object_from_keypoints: object_from_camera * *camera_from_keypoints,
             // A step along the camera's axes, turned into the object's axes.
             covariance: rotated_covariance(object_from_camera.rotation(), covariance),
+            keypoints_scale: 1.0,
         }
     }
 
@@ -33,7 +37,13 @@ impl Offset {
         let (own, other) = (self.object_from_keypoints.inverse(), like.object_from_keypoints.inverse());
         let object_from_keypoints = symmetries.nearest(&own, &other).inverse();
         let turn = object_from_keypoints * own;
-        Self { object_from_keypoints, covariance: rotated_covariance(turn.rotation(), &self.covariance) }
+        Self { object_from_keypoints, covariance: rotated_covariance(turn.rotation(), &self.covariance), ..*self }
+    }
+
+    /// The same offset of keypoints that were scaled before they were solved.
+    #[must_use]
+    pub fn of_keypoints_scaled_by(self, keypoints_scale: f64) -> Self {
+        Self { keypoints_scale, ..self }
     }
 
     /// Standard deviations over all axes: of the translation (metres) and of the rotation (radians).
@@ -113,7 +123,7 @@ mod tests {
         #[test]
         fn covariance_of_an_answer(offset in any_pose(), keypoints in any_pose()) {
             let of_offset = some_covariance() * 0.5;
-            let calibrated = Offset { object_from_keypoints: offset, covariance: of_offset };
+            let calibrated = Offset { object_from_keypoints: offset, covariance: of_offset, keypoints_scale: 1.0 };
             let (_, covariance) = calibrated.apply(&keypoints, &some_covariance());
             let expected = numeric(|k| *k * offset.inverse(), &keypoints, &some_covariance())
                 + numeric(|o| keypoints * o.inverse(), &offset, &of_offset);

@@ -1,6 +1,6 @@
 //! Covariances of poses and of points.
 
-use nalgebra::{Matrix2, Matrix3, Matrix6, Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Rotation3, SymmetricEigen, Vector3, Vector6};
 
 use super::rotation::skew;
 
@@ -19,6 +19,20 @@ pub fn rotated_covariance(rotation: &Rotation3<f64>, covariance: &Covariance6) -
 pub fn sigmas(covariance: &Covariance6) -> (f64, f64) {
     let sigma = |first: usize| covariance.fixed_view::<3, 3>(first, first).trace().sqrt();
     (sigma(0), sigma(3))
+}
+
+/// Whether a matrix is finite, symmetric and without negative eigenvalues.
+#[must_use]
+pub fn is_covariance(matrix: &Covariance6) -> bool {
+    let scale = matrix.amax();
+    let symmetric = (matrix - matrix.transpose()).amax() <= 1e-9 * scale;
+    if !(symmetric && matrix.diagonal().iter().all(|variance| *variance >= 0.0)) {
+        return false;
+    }
+    // Translation and rotation have units of their own.
+    let sigmas = matrix.diagonal().map(|variance| variance.sqrt().max(f64::MIN_POSITIVE));
+    let correlations = Matrix6::from_fn(|row, column| matrix[(row, column)] / sigmas[row] / sigmas[column]);
+    correlations.iter().all(|v| v.is_finite()) && SymmetricEigen::new(correlations).eigenvalues.min() > -1e-9
 }
 
 /// The covariance of a rigid body's step, seen at a point of it that lies `lever` further on (metres, parent's axes): a

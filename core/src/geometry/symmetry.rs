@@ -106,6 +106,18 @@ impl Symmetries {
         &self.continuous
     }
 
+    /// The same symmetries of another frame that is fixed to the object.
+    #[must_use]
+    pub fn in_frame(&self, frame_from_object: &Pose) -> Self {
+        let object_from_frame = frame_from_object.inverse();
+        let group = self.group.iter().map(|symmetry| *frame_from_object * *symmetry * object_from_frame).collect();
+        let turned = |symmetry: &ContinuousSymmetry| ContinuousSymmetry {
+            axis: frame_from_object.rotation() * symmetry.axis,
+            offset_m: frame_from_object.transform(&symmetry.offset_m),
+        };
+        Self { group, continuous: self.continuous.iter().map(turned).collect() }
+    }
+
     /// Of all poses that look like `camera_from_object`, the one turned least from `like`: the previous pose of a
     /// track, or any constant. Every symmetric equal of a pose gives the same answer, up to rounding and except where
     /// two answers are equally near.
@@ -246,6 +258,14 @@ mod tests {
             let flipped = (seen(&canonical, 0.1) - seen(&pose, -0.1)).norm() < 1e-9;
             prop_assert!(upright || flipped);
             prop_assert!(close(&can.canonical(&canonical), &canonical));
+        }
+
+        #[test]
+        fn another_frame_has_the_same_symmetries(frame in any_pose(), pose in any_pose(), like in any_pose()) {
+            let can = can();
+            let elsewhere = can.in_frame(&frame);
+            let there = elsewhere.nearest(&(pose * frame.inverse()), &(like * frame.inverse()));
+            prop_assert!(close(&(there * frame), &can.nearest(&pose, &like)));
         }
 
         #[test]

@@ -26,3 +26,7 @@ mod solve;
 pub use problem::{MAX_POINTS, MIN_POINTS, PnpError};
 pub use solution::{Alternative, Doubts, Residual, Solution, Status};
 pub use solve::{Options, solve};
+
+pub(crate) use problem::Problem;
+pub(crate) use refine::{Loss, Refined};
+pub(crate) use solve::{INLIER, ROBUST, improbable};

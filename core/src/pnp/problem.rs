@@ -30,14 +30,14 @@ pub enum PnpError {
 
 /// The usable points of one problem in normalised image coordinates (the plane z = 1), whitened by their covariances.
 #[derive(Clone, Debug)]
-pub(super) struct Problem {
+pub(crate) struct Problem {
     len: usize,
     observations: [WhitenedPoint; MAX_POINTS],
 }
 
 /// One point and where it was seen.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct WhitenedPoint {
+pub(crate) struct WhitenedPoint {
     /// Its place among the points that were given.
     pub index: usize,
     pub point: Vector3<f64>,
@@ -53,7 +53,7 @@ pub(super) struct WhitenedPoint {
 impl Problem {
     /// `floor_px` is added to every covariance as an isotropic standard deviation. Points beyond the domain of the lens are
     /// left out, as long as there are enough others.
-    pub(super) fn new(
+    pub(crate) fn new(
         points: &[Vector3<f64>],
         pixels: &[Vector2<f64>],
         covariances_px: &[Matrix2<f64>],
@@ -95,7 +95,16 @@ impl Problem {
         Ok(problem)
     }
 
-    pub(super) fn observations(&self) -> &[WhitenedPoint] {
+    /// The same problem with every point moved by a rigid motion.
+    pub(crate) fn moved(&self, motion: &Pose) -> Self {
+        let mut moved = self.clone();
+        for seen in &mut moved.observations[..moved.len] {
+            seen.point = motion.transform(&seen.point);
+        }
+        moved
+    }
+
+    pub(crate) fn observations(&self) -> &[WhitenedPoint] {
         &self.observations[..self.len]
     }
 
@@ -124,12 +133,12 @@ impl WhitenedPoint {
     }
 
     /// The whitened reprojection residual; `None` where the point is not in front of the camera.
-    pub(super) fn residual(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
+    pub(crate) fn residual(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         normalised(point_in_camera).ok().map(|projected| self.whitening * (projected - self.image))
     }
 
     /// Squared Mahalanobis distance of the reprojection; infinite behind the camera.
-    pub(super) fn mahalanobis_squared(&self, pose: &Pose) -> f64 {
+    pub(crate) fn mahalanobis_squared(&self, pose: &Pose) -> f64 {
         self.residual(&pose.transform(&self.point)).map_or(f64::INFINITY, |residual| residual.norm_squared())
     }
 }

@@ -18,14 +18,14 @@ pub(super) struct Effort {
 }
 
 /// What squared Mahalanobis distances cost.
-pub(super) trait Loss {
+pub(crate) trait Loss {
     fn cost(&self, squares: &[f64]) -> f64;
     /// The derivative of the cost by one of them.
     fn weight(&self, squared: f64) -> f64;
 }
 
 /// Grows with the logarithm of a gross error: every point keeps some pull, so that a start far off finds its way.
-pub(super) struct Cauchy {
+pub(crate) struct Cauchy {
     /// In standard deviations.
     pub width: f64,
 }
@@ -44,7 +44,7 @@ impl Loss for Cauchy {
 }
 
 /// Least squares over the points within a limit (MSAC): the estimate whose covariance is the inverse Hessian.
-pub(super) struct Truncated {
+pub(crate) struct Truncated {
     /// Squared Mahalanobis distance.
     pub limit: f64,
 }
@@ -61,17 +61,17 @@ impl Loss for Truncated {
 
 /// A pose with its cost and the normal equations there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Refined {
+pub(crate) struct Refined {
     pub pose: Pose,
     pub cost: f64,
     /// Gauss-Newton Hessian over the points, each as often as its weight says.
     pub hessian: Matrix6<f64>,
-    gradient: Vector6<f64>,
+    pub gradient: Vector6<f64>,
 }
 
 impl Refined {
     /// `None` when a point is behind the camera.
-    pub(super) fn at(problem: &Problem, pose: Pose, loss: &impl Loss) -> Option<Self> {
+    pub(crate) fn at(problem: &Problem, pose: Pose, loss: &impl Loss) -> Option<Self> {
         let rotation = pose.rotation().matrix();
         let mut squares = [0.0; MAX_POINTS];
         let mut blocks = [Matrix3::zeros(); 3];

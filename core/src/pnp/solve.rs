@@ -9,10 +9,10 @@ use crate::geometry::{Camera, Covariance6, Pose};
 
 /// 99.9 % of the squared Mahalanobis distances of true 2D points lie below this (chi-squared, 2 degrees of freedom).
 /// At 99 % one fit in twelve of eight good points would lose one, and its covariance would be too small.
-const INLIER: Truncated = Truncated { limit: 13.82 };
+pub(crate) const INLIER: Truncated = Truncated { limit: 13.82 };
 /// The 99 % limit: what a point costs at most while hypotheses are compared, before they are refined.
 const MISFIT: f64 = 9.21;
-const ROBUST: Cauchy = Cauchy { width: 2.0 };
+pub(crate) const ROBUST: Cauchy = Cauchy { width: 2.0 };
 const MAX_MODES: usize = 3;
 /// Candidates are held until refinement; more than the modes kept, because several lead to one mode.
 const MAX_CANDIDATES: usize = 6;
@@ -245,7 +245,7 @@ fn assemble(
     }
     let degrees_of_freedom = (2 * inliers).saturating_sub(6);
     let reduced = chi2 / degrees_of_freedom.max(1) as f64;
-    let inflation = if chi2 > improbable(degrees_of_freedom) { reduced } else { 1.0 };
+    let inflation = if chi2 > improbable(degrees_of_freedom as f64) { reduced } else { 1.0 };
     let weights = mode_weights(modes);
     let mut alternatives = [None; 2];
     for (slot, (mode, weight)) in alternatives.iter_mut().zip(modes.iter().zip(weights).skip(1)) {
@@ -266,9 +266,9 @@ fn assemble(
 }
 
 /// 99 % point of chi-squared (Wilson and Hilferty's approximation, within 1 % for these degrees of freedom).
-fn improbable(degrees_of_freedom: usize) -> f64 {
+pub(crate) fn improbable(degrees_of_freedom: f64) -> f64 {
     const NORMAL_99: f64 = 2.326;
-    let n = degrees_of_freedom.max(1) as f64;
+    let n = degrees_of_freedom.max(1.0);
     let spread = 2.0 / (9.0 * n);
     n * (1.0 - spread + NORMAL_99 * spread.sqrt()).powi(3)
 }

@@ -10,6 +10,7 @@ mod scoring;
 mod sheets;
 mod study;
 mod table;
+mod views;
 mod without_truth;
 mod work;
 
@@ -21,6 +22,7 @@ use clap::Args;
 use crate::evaluation::{ObjectRecords, Report, page};
 use options::{Asked, OutputArgs};
 use scoring::Scoring;
+use views::SeveralViews;
 use without_truth::StillScenes;
 
 #[derive(Args, Debug)]
@@ -37,6 +39,12 @@ impl Evaluate {
         self.output.check(&self.asked.splits.splits)?;
         if self.asked.splits.without_truth {
             return self.compare_views();
+        }
+        if !self.asked.splits.views.is_empty() {
+            let [split] = &self.asked.splits.splits[..] else {
+                return Err("--views takes one --split; its scenes may be many".into());
+            };
+            return SeveralViews { asked: &self.asked, split, output: &self.output }.run();
         }
         let scoring = Scoring::new(&self.asked, self.output.bop.is_some())?;
         if let Some(references) = &self.asked.splits.references_study {

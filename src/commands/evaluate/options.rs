@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::TypedValueParser as _;
 
 use super::super::dataset::DatasetArgs;
 use super::super::models::ModelArgs;
@@ -65,6 +66,16 @@ pub(super) struct SplitArgs {
         "meshes", "targets", "visible", "detector", "camera", "estimates", "references_study", "html", "bop",
     ])]
     pub(super) without_truth: bool,
+    /// Fuse the poses of N views of a scene, whose camera poses must be known (`cam_R_w2c` and `cam_t_w2c` in `scene_camera.json`):
+    /// of each object, random subsets of the views that show enough of it, the same every time. Repeat it for a row each. Uses
+    /// the whole pipeline, with the detector.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64).map(usize::from), conflicts_with_all = [
+        "without_truth", "targets", "estimates", "references_study", "html", "bop",
+    ])]
+    pub(super) views: Vec<usize>,
+    /// In so many of the views the object is made to look turned by half a turn: are they found out?
+    #[arg(long, value_name = "K", requires = "views", default_value_t = 0, hide_default_value = true)]
+    pub(super) wrong_views: usize,
 }
 
 impl Asked {
@@ -77,12 +88,19 @@ impl Asked {
             ("object", first_twice(&self.objects)),
             ("--split", first_twice(&splits).map(|path| path.display().to_string())),
             ("--visible", first_twice(&ranges)),
+            ("--views", first_twice(&self.splits.views).map(|views| views.to_string())),
         ] {
             if let Some(twice) = twice {
                 return Err(format!("{what} {twice} is given twice"));
             }
         }
-        Ok(())
+        let wrong = self.splits.wrong_views;
+        match self.splits.views.iter().find(|views| **views <= wrong) {
+            Some(views) => {
+                Err(format!("--wrong-views {wrong} of --views {views} leaves none that is right; give fewer"))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -98,6 +116,11 @@ impl SplitArgs {
             ([], Some(_)) => vec![VisibleRange::ALL],
             (ranges, _) => ranges.to_vec(),
         }
+    }
+
+    /// Of a view that is one of several.
+    pub(super) fn visible_in_views(&self) -> Vec<VisibleRange> {
+        if self.visible.is_empty() { vec![VisibleRange::MOSTLY_VISIBLE] } else { self.visible.clone() }
     }
 
     pub(super) fn boxes(&self) -> Boxes {

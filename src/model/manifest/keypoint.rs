@@ -127,7 +127,13 @@ impl KeypointManifest {
 
     #[must_use]
     pub fn keypoints(&self) -> Vec<Vector3<f64>> {
-        self.virtual_keypoints_m.iter().copied().map(Vector3::from).collect()
+        self.keypoints_scaled_by(1.0)
+    }
+
+    /// As large as a reference says that they are.
+    #[must_use]
+    pub fn keypoints_scaled_by(&self, scale: f64) -> Vec<Vector3<f64>> {
+        self.virtual_keypoints_m.iter().map(|point| Vector3::from(*point) * scale).collect()
     }
 
     /// What `symmetries_discrete` and `symmetries_continuous` mean.

@@ -72,7 +72,7 @@ impl Admitting {
             biased;
             response = next.run(Request::from_parts(parts, body)) => match route {
                 Route::Health | Route::Other => response.map(|body| Until::body(body, stop())),
-                Route::Estimate | Route::EstimateStream | Route::ListObjects => response,
+                Route::Estimate | Route::EstimateStream | Route::EstimateViews | Route::ListObjects => response,
             },
             () = expired(call.deadline) => {
                 let message = "the time limit of the call expired; raise it, or send less";

@@ -7,7 +7,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::Instrument as _;
 
-use super::answer::estimate;
+use super::answer::{estimate, estimate_views};
 use super::call::Call;
 use super::stream;
 use crate::proto;
@@ -43,6 +43,16 @@ impl proto::pose_service_server::PoseService for Calls {
         let run = frames.run(request.into_inner(), self.stopping.clone());
         tokio::spawn(run.instrument(tracing::Span::current()));
         Ok(Response::new(ReceiverStream::new(stream)))
+    }
+
+    async fn estimate_views(
+        &self,
+        request: Request<proto::EstimateViewsRequest>,
+    ) -> Result<Response<proto::EstimateViewsResponse>, Status> {
+        let call = Call::of(&request)?;
+        let deadline = call.deadline.unwrap_or_else(|| self.service.deadline(None));
+        let answer = estimate_views(&self.service, request.into_inner(), Arc::clone(&call.body), deadline).await;
+        Ok(Response::new(answer.map_err(|failure| call.failed(failure))?))
     }
 
     async fn list_objects(

@@ -7,6 +7,7 @@ use crate::server::service::Scope;
 pub(super) enum Route {
     Estimate,
     EstimateStream,
+    EstimateViews,
     ListObjects,
     /// Health checks.
     Health,
@@ -19,6 +20,7 @@ impl Route {
         match path.strip_prefix("/posed.v1.PoseService/") {
             Some("Estimate") => Self::Estimate,
             Some("EstimateStream") => Self::EstimateStream,
+            Some("EstimateViews") => Self::EstimateViews,
             Some("ListObjects") => Self::ListObjects,
             None if path.starts_with("/grpc.health.v1.Health/") => Self::Health,
             Some(_) | None => Self::Other,
@@ -29,6 +31,7 @@ impl Route {
         match self {
             Self::Estimate => "Estimate",
             Self::EstimateStream => "EstimateStream",
+            Self::EstimateViews => "EstimateViews",
             Self::ListObjects => "ListObjects",
             Self::Health => "health",
             Self::Other => "other",
@@ -37,7 +40,7 @@ impl Route {
 
     /// One message, and the call is complete.
     pub(super) fn is_single(self) -> bool {
-        matches!(self, Self::Estimate | Self::ListObjects)
+        matches!(self, Self::Estimate | Self::EstimateViews | Self::ListObjects)
     }
 
     /// Nobody's work waits for the others.
@@ -50,11 +53,11 @@ impl Route {
         match self {
             Self::Health => None,
             Self::ListObjects | Self::Other => Some(Scope::Any),
-            Self::Estimate | Self::EstimateStream => Some(Scope::Estimate),
+            Self::Estimate | Self::EstimateStream | Self::EstimateViews => Some(Scope::Estimate),
         }
     }
 
     pub(super) fn is_for_poses(self) -> bool {
-        matches!(self, Self::Estimate | Self::EstimateStream)
+        matches!(self, Self::Estimate | Self::EstimateStream | Self::EstimateViews)
     }
 }

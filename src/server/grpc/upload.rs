@@ -59,7 +59,7 @@ impl Messages {
             }
             // Larger ones are refused by the decoder, unread.
             if length <= self.limit {
-                let request = self.call.deadline.filter(|_| self.route == Route::Estimate);
+                let request = self.call.deadline.filter(|_| self.route.is_single() && self.route.is_for_poses());
                 self.service.admit_message(&self.call.body, length, request)?;
                 self.call.announce(length);
             }

@@ -11,7 +11,7 @@ use tokio::task::JoinSet;
 use utoipa::ToSchema;
 
 use super::failure::status;
-use super::form::{self, Form};
+use super::form::{self, Form, ImageLimit};
 use super::poses::{image, report};
 use super::upload::Admitted;
 use crate::estimator::BodyLease;
@@ -67,7 +67,8 @@ struct ItemReport {
 )]
 pub(super) async fn batch(State(service): State<Arc<Service>>, request: Request) -> Result<Json<BatchReport>, Failure> {
     let Admitted { body, deadline } = form::admitted(&request)?;
-    let Form { images, request } = form::read_form::<BatchRequest>(&service, request, deadline).await?;
+    let Form { images, request } =
+        form::read_form::<BatchRequest>(ImageLimit::of_batch(&service), request, deadline).await?;
     if images.is_empty() {
         return Err(Failure::invalid("no part 'image'; send at least one"));
     }

@@ -23,6 +23,19 @@ pub(super) struct Form<T> {
     pub request: Option<T>,
 }
 
+/// How many parts `image` a form may have, and the setting that says so.
+#[derive(Clone, Copy)]
+pub(super) struct ImageLimit {
+    pub most: usize,
+    pub setting: &'static str,
+}
+
+impl ImageLimit {
+    pub(super) fn of_batch(service: &Service) -> Self {
+        Self { most: service.limits.max_batch_images, setting: "max_batch_images" }
+    }
+}
+
 /// How a body is to be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -75,12 +88,12 @@ pub(super) async fn read_image(request: Request, deadline: Instant) -> Result<By
 
 /// A body that is a form.
 pub(super) async fn read_form<T: DeserializeOwned>(
-    service: &Service,
+    limit: ImageLimit,
     request: Request,
     deadline: Instant,
 ) -> Result<Form<T>, Failure> {
     match Kind::of(request.headers())? {
-        Kind::Form => in_time(deadline, parts(service, request)).await?,
+        Kind::Form => in_time(deadline, parts(limit, request)).await?,
         Kind::Image => {
             let message = "this path takes multipart/form-data with the parts 'image' and 'request'";
             Err(Failure::new(FailureKind::UnsupportedFormat, message))
@@ -88,18 +101,18 @@ pub(super) async fn read_form<T: DeserializeOwned>(
     }
 }
 
-async fn parts<T: DeserializeOwned>(service: &Service, request: Request) -> Result<Form<T>, Failure> {
+async fn parts<T: DeserializeOwned>(limit: ImageLimit, request: Request) -> Result<Form<T>, Failure> {
     let parts = Multipart::from_request(request, &()).await;
     let mut parts = parts.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
     let mut form = Form { images: Vec::new(), request: None };
     while let Some(part) = parts.next_field().await.map_err(|error| of_part(&error))? {
         match part.name() {
-            Some("image") if form.images.len() < service.limits.max_batch_images => {
+            Some("image") if form.images.len() < limit.most => {
                 form.images.push(part.bytes().await.map_err(|error| of_part(&error))?);
             }
             Some("image") => {
-                let most = service.limits.max_batch_images;
-                let message = format!("more than {most} parts 'image' ('max_batch_images'); send fewer at once");
+                let ImageLimit { most, setting } = limit;
+                let message = format!("more than {most} parts 'image' ('{setting}'); send fewer at once");
                 return Err(Failure::new(FailureKind::TooLarge, message));
             }
             Some("request") if form.request.is_none() => form.request = Some(json(part).await?),

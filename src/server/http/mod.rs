@@ -13,6 +13,7 @@ mod reference;
 mod routes;
 mod timeout;
 mod upload;
+mod views;
 
 pub(super) use routes::FRONT_END;
 pub use routes::openapi;

@@ -49,23 +49,21 @@ fn quality(accepted: &[Mime], offer: &Mime) -> f32 {
     best.map_or(0.0, |(_, range)| range.get_param("q").and_then(|q| q.as_str().parse().ok()).unwrap_or(1.0))
 }
 
+pub(super) fn failed(reason: &str) -> Failure {
+    tracing::error!(reason, "the picture could not be drawn");
+    Failure::new(FailureKind::Internal, "the server failed to draw the picture; request JSON, or see the server log")
+}
+
 /// Boxes and axes drawn into the image. Its room is kept until the picture has left.
 pub(super) async fn draw(mut answer: Answer, format: ImageFormat) -> Result<Response, Failure> {
-    let failed = |reason: String| {
-        tracing::error!(reason, "the picture could not be drawn");
-        Failure::new(
-            FailureKind::Internal,
-            "the server failed to draw the picture; request JSON, or see the server log",
-        )
-    };
-    let (mut image, room) = (answer.image.take().ok_or_else(|| failed("no pixels".into()))?, answer.room.take());
+    let (mut image, room) = (answer.image.take().ok_or_else(|| failed("no pixels"))?, answer.room.take());
     // Milliseconds of work, which must not hold up other requests.
     let drawn = tokio::task::spawn_blocking(move || {
         answer.estimate.draw(&mut image);
         encode(&image, format).map(|bytes| (bytes, room))
     });
-    let drawn = drawn.await.map_err(|error| failed(error.to_string()))?;
-    let (bytes, mut room) = drawn.map_err(|error| failed(error.to_string()))?;
+    let drawn = drawn.await.map_err(|error| failed(&error.to_string()))?;
+    let (bytes, mut room) = drawn.map_err(|error| failed(&error.to_string()))?;
     if let Some(room) = &mut room {
         room.shrink_to(bytes.len() as u64);
     }

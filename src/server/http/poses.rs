@@ -8,7 +8,7 @@ use axum::extract::{Query, Request, State};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
 
-use super::form::{self, Form, Kind};
+use super::form::{self, Form, ImageLimit, Kind};
 use super::picture;
 use super::query::EstimateQuery;
 use super::upload::Admitted;
@@ -93,7 +93,8 @@ async fn one_image(
     request: Request,
     deadline: std::time::Instant,
 ) -> Result<(Image, Options), Failure> {
-    let Form { images, request } = form::read_form::<EstimateRequest>(service, request, deadline).await?;
+    let Form { images, request } =
+        form::read_form::<EstimateRequest>(ImageLimit::of_batch(service), request, deadline).await?;
     let (asked, raw) = request.unwrap_or_default().translate()?;
     let options = service.options(asked)?;
     let [bytes] = <[Bytes; 1]>::try_from(images)

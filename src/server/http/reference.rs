@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::Json;
 use axum::extract::{Request, State};
 
-use super::form::{self, Form};
+use super::form::{self, Form, ImageLimit};
 use super::path::ObjectName;
 use super::upload::Admitted;
 use crate::estimator::CalibrateOptions;
@@ -51,7 +51,8 @@ pub(super) async fn replace(
 ) -> Result<Json<ReferenceReport>, Failure> {
     service.may_recalibrate(&object)?;
     let Admitted { body, deadline } = form::admitted(&request)?;
-    let Form { images, request } = form::read_form::<ReferenceRequest>(&service, request, deadline).await?;
+    let Form { images, request } =
+        form::read_form::<ReferenceRequest>(ImageLimit::of_batch(&service), request, deadline).await?;
     let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one with the known poses"))?;
     let options = CalibrateOptions { mode: request.mode, far_origin: request.far_origin };
     let views = request.views(images)?;

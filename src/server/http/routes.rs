@@ -13,7 +13,7 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::{batch, info, observe, poses, reference, upload};
+use super::{batch, info, observe, poses, reference, upload, views};
 use crate::server::front_end::{Context, FrontEnd, Protocol};
 use crate::server::service::{Failure, FailureKind, Service};
 
@@ -47,6 +47,7 @@ fn described() -> OpenApiRouter<Arc<Service>> {
     OpenApiRouter::with_openapi(Description::openapi())
         .routes(routes!(poses::poses))
         .routes(routes!(batch::batch))
+        .routes(routes!(views::views))
         .routes(routes!(info::objects))
         .routes(routes!(info::object))
         .routes(routes!(reference::replace))

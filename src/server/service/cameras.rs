@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::model::{ManifestError, read_json};
+use crate::model::{ManifestError, Rig, RigError, read_json};
 use posed_core::geometry::Camera;
 
 /// A camera folder that cannot be used.
@@ -13,37 +13,55 @@ pub(crate) enum CameraFolderError {
     Folder { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
     File(#[from] ManifestError),
+    #[error(transparent)]
+    Rig(#[from] RigError),
 }
 
-/// Cameras by id: `left.camera.json` is camera `left`.
+/// Cameras and rigs by id: `left.camera.json` is camera `left`, `cell.rig.json` rig `cell`.
 #[derive(Debug, Default)]
 pub(crate) struct Cameras {
     by_id: BTreeMap<String, Camera>,
+    rigs: BTreeMap<String, Rig>,
 }
 
 const SUFFIX: &str = ".camera.json";
 
 impl Cameras {
-    /// Reads every `*.camera.json` of a folder.
+    /// Reads every `*.camera.json` and `*.rig.json` of a folder.
     ///
     /// # Errors
-    /// When the folder or one of the files cannot be read, or a file describes no camera.
+    /// When the folder or one of the files cannot be read, or a file describes no camera or rig.
     pub(crate) fn read(folder: &Path) -> Result<Self, CameraFolderError> {
         let unreadable = |source| CameraFolderError::Folder { path: folder.into(), source };
-        let mut by_id = BTreeMap::new();
+        let (mut by_id, mut rig_files) = (BTreeMap::new(), Vec::new());
         for entry in std::fs::read_dir(folder).map_err(unreadable)? {
             let path = entry.map_err(unreadable)?.path();
-            let id = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix(SUFFIX));
-            if let Some(id) = id {
+            let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
+            if let Some(id) = name.strip_suffix(SUFFIX) {
                 by_id.insert(id.to_owned(), read_json(&path)?);
+            } else if let Some(id) = name.strip_suffix(Rig::SUFFIX) {
+                rig_files.push((id.to_owned(), path));
             }
         }
-        Ok(Self { by_id })
+        let mut rigs = BTreeMap::new();
+        for (id, path) in rig_files {
+            rigs.insert(id, Rig::read(&path, |id| by_id.get(id).cloned())?);
+        }
+        Ok(Self { by_id, rigs })
     }
 
     #[must_use]
     pub(crate) fn get(&self, id: &str) -> Option<&Camera> {
         self.by_id.get(id)
+    }
+
+    #[must_use]
+    pub(crate) fn rig(&self, id: &str) -> Option<&Rig> {
+        self.rigs.get(id)
+    }
+
+    pub(crate) fn rig_ids(&self) -> impl Iterator<Item = &str> {
+        self.rigs.keys().map(String::as_str)
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = (&str, &Camera)> {

@@ -89,6 +89,17 @@ impl Failure {
     }
 }
 
+impl Failure {
+    pub(crate) fn unknown_rig(id: &str, cameras: &Cameras) -> Self {
+        let known = cameras.rig_ids().collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "none".to_owned() } else { known };
+        let message = format!(
+            "unknown rig {id:?}; known rigs: {known}. Put {id}.rig.json into the folder --cameras, or send 'views'"
+        );
+        Self::new(FailureKind::UnknownCamera, message)
+    }
+}
+
 impl From<CameraError> for Failure {
     fn from(error: CameraError) -> Self {
         Self::new(FailureKind::InvalidRequest, error.to_string())

@@ -22,6 +22,7 @@ pub(crate) struct Limits {
     pub max_side_px: u32,
     pub max_pixels: u64,
     pub max_batch_images: usize,
+    pub max_views: usize,
     /// Images in work or waiting.
     pub queue: usize,
     pub queue_bytes: usize,
@@ -80,6 +81,7 @@ impl Limits {
             max_side_px: config.max_side_px,
             max_pixels: config.max_pixels,
             max_batch_images: config.max_batch_images,
+            max_views: config.max_views,
             queue: config.queue,
             queue_bytes: config.queue_bytes,
             pixel_bytes: config.pixel_bytes,

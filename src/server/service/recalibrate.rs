@@ -71,7 +71,14 @@ impl Service {
             };
             let (region, solution) = self.queue.measure(work).await?;
             let camera_from_object = view.camera_from_object;
-            measured.push(MeasuredView { file: file.clone(), camera, camera_from_object, region, solution });
+            measured.push(MeasuredView {
+                file: file.clone(),
+                camera,
+                camera_from_object,
+                region,
+                solution,
+                keypoints_scale: 1.0,
+            });
             files.push((file, view.image.to_vec()));
         }
         let reference = calibrate(self.model(&object)?, measured, options)?;

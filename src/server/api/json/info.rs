@@ -45,6 +45,8 @@ pub(crate) struct ReferenceReport {
     /// Uncertainty of the offset: standard deviations over all axes.
     sigma_translation_m: f64,
     sigma_rotation_rad: f64,
+    /// What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`posed calibrate --fit-scale`).
+    keypoints_scale: f64,
     views: Vec<ReferenceViewReport>,
 }
 
@@ -72,6 +74,8 @@ pub(crate) struct LimitsReport {
     max_pixels: u64,
     /// Maximum number of images in a request to `/v1/poses/batch`.
     max_batch_images: usize,
+    /// Maximum number of images in a request to `/v1/poses/views`.
+    max_views: usize,
     /// Maximum number of objects in one image. An answer that reached it has `truncated`.
     max_detections: usize,
     /// Maximum number of images that are waiting or in progress.
@@ -122,6 +126,7 @@ impl From<&Limits> for LimitsReport {
             max_side_px: limits.max_side_px,
             max_pixels: limits.max_pixels,
             max_batch_images: limits.max_batch_images,
+            max_views: limits.max_views,
             max_detections: MAX_DETECTIONS,
             queue: limits.queue,
             queue_bytes: limits.queue_bytes,
@@ -179,6 +184,7 @@ impl From<&InForce> for ReferenceReport {
             method: reference.method,
             sigma_translation_m,
             sigma_rotation_rad,
+            keypoints_scale: reference.offset.keypoints_scale,
             views: views.collect(),
         }
     }

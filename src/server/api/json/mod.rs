@@ -8,6 +8,7 @@ mod requests;
 mod status;
 mod transform;
 mod trust;
+mod views;
 
 pub(crate) use errors::{ErrorBody, ErrorDetail};
 pub(crate) use forms::{CameraForm, RawForm};
@@ -20,3 +21,5 @@ pub(crate) use requests::{BatchRequest, EstimateRequest, ReferenceRequest};
 pub(crate) use status::StatusReport;
 pub use transform::{PlacedReport, TransformReport};
 pub use trust::{ReasonForm, StatusForm};
+pub(crate) use views::ViewsForm;
+pub use views::{FusedReport, LeftOutForm, ScaleReport, ViewReport, ViewShareReport, ViewsReport};

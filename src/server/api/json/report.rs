@@ -111,6 +111,9 @@ pub struct SolvedReport {
     pub keypoints: Vec<KeypointReport>,
     /// Number of keypoints beyond the domain of the lens model. The pose is computed without them.
     pub keypoints_outside_lens: usize,
+    /// What the object's reference multiplies the coordinates of the virtual keypoints by. Present if it is not 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keypoints_scale: Option<f64>,
     /// Posterior weight of this pose relative to the alternatives, 0..1.
     pub weight: f64,
     /// Other poses that explain the image about as well.
@@ -231,6 +234,7 @@ impl SolvedReport {
             inliers: solved.inlier_count(),
             keypoints: solved.keypoints.iter().map(KeypointReport::from).collect(),
             keypoints_outside_lens: solved.outside_lens,
+            keypoints_scale: Some(solved.keypoints_scale).filter(|scale| (scale - 1.0).abs() > 0.0),
             weight: round(solved.weight),
             alternatives: solved
                 .alternatives
@@ -253,6 +257,6 @@ impl From<&SolvedKeypoint> for KeypointReport {
 }
 
 /// Rounds to three decimals: further digits are noise.
-fn round(value: f64) -> f64 {
+pub(super) fn round(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }

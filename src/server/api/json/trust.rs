@@ -50,6 +50,13 @@ pub enum ReasonForm {
     DarkImage,
     /// The network returned values that are not finite numbers, so there is no pose.
     NotFinite,
+    /// For several views: a view contradicts the pose. The pose can be `ok` if most views agree.
+    ViewsDisagree,
+    /// For several views: the pose rests on one of them. It can be `ok`.
+    SingleView,
+    /// For several views: all look from nearly one direction, so that depth is known hardly better than from one. The pose can
+    /// be `ok`.
+    WeakBaseline,
 }
 
 impl From<Status> for StatusForm {
@@ -78,6 +85,9 @@ impl From<Reason> for ReasonForm {
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
             Reason::NotFinite => Self::NotFinite,
+            Reason::ViewsDisagree => Self::ViewsDisagree,
+            Reason::SingleView => Self::SingleView,
+            Reason::WeakBaseline => Self::WeakBaseline,
         }
     }
 }

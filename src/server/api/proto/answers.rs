@@ -23,8 +23,17 @@ pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
 pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse) -> proto::EstimateResponse {
+    answered(answer, &options.frames, options.captured_at.clone().unwrap_or_default(), models)
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
+pub(super) fn answered(
+    answer: &Answer,
+    frames: &CallerFrames,
+    captured_at: String,
+    models: &ModelsInUse,
+) -> proto::EstimateResponse {
     let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
     let timings = &answer.estimate.timings;
     let (scaled_from_width, scaled_from_height) = answer.estimate.camera_scaled_from.unwrap_or_default();
@@ -40,9 +49,9 @@ pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse)
             total_ms: milliseconds(answer.total),
             batch_size: answer.batch_size as u32,
         }),
-        poses: answer.estimate.poses.iter().map(|found| object_pose(found, &options.frames)).collect(),
+        poses: answer.estimate.poses.iter().map(|found| object_pose(found, frames)).collect(),
         truncated: answer.estimate.truncated,
-        captured_at: options.captured_at.clone().unwrap_or_default(),
+        captured_at,
         exif_orientation: answer.exif.orientation.into(),
         exif_applied: answer.exif.applied,
         camera_scaled_from_width: scaled_from_width,
@@ -87,6 +96,7 @@ fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose 
         keypoints: solved.keypoints.iter().map(Into::into).collect(),
         keypoints_outside_lens: solved.outside_lens as u32,
         weight: solved.weight,
+        keypoints_scale: solved.keypoints_scale,
         alternatives: solved
             .alternatives
             .iter()
@@ -98,7 +108,7 @@ fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose 
 }
 
 /// Symmetric, so column-major storage reads the same as row-major.
-fn row_major(covariance: &Covariance6) -> Vec<f64> {
+pub(super) fn row_major(covariance: &Covariance6) -> Vec<f64> {
     covariance.iter().copied().collect()
 }
 
@@ -148,6 +158,9 @@ impl From<Reason> for proto::Reason {
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
             Reason::NotFinite => Self::NotFinite,
+            Reason::ViewsDisagree => Self::ViewsDisagree,
+            Reason::SingleView => Self::SingleView,
+            Reason::WeakBaseline => Self::WeakBaseline,
         }
     }
 }

@@ -47,7 +47,7 @@ pub(crate) fn image(encoded: Bytes, raw: Option<proto::RawImage>) -> Result<Imag
     raw.map(Image::Raw).map_err(|error| Failure::invalid(format!("field 'raw_image': {error}")))
 }
 
-fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
+pub(super) fn inline_camera(camera: &proto::Camera) -> Result<Camera, Failure> {
     let pinhole = Camera::pinhole(camera.fx, camera.fy, camera.cx, camera.cy)?;
     let model =
         Model::try_from(camera.model).map_err(|_| Failure::invalid("camera field 'model' is not a known model"))?;

@@ -1,0 +1,84 @@
+//! Which poses of which views belong together, and what becomes of each group.
+
+use nalgebra::Vector3;
+use posed_core::geometry::sigmas;
+use posed_core::pnp::Status;
+use posed_core::views::{Sighting, ViewsOptions, associate};
+
+use super::fused::{FusedPose, PosedCamera};
+use super::instance::{Instance, Seen};
+use crate::estimator::answer::{Estimate, ObjectPose};
+use crate::model::{Library, ObjectModel, References};
+
+/// One pose of each object that several images show: `cameras` are those of `estimates`, in order. An object that one view
+/// shows is answered as that view has it. The most trusted poses come first. Objects whose reference went out of force
+/// meanwhile are missing.
+#[must_use]
+pub fn fuse(
+    library: &Library,
+    references: &References,
+    cameras: &[PosedCamera],
+    estimates: &[&Estimate],
+) -> Vec<FusedPose> {
+    let mut fused = Vec::new();
+    for (class, model) in library.objects.iter().enumerate() {
+        let Some(model) = model else { continue };
+        let Some(in_force) = references.get(&model.manifest.name) else { continue };
+        let offset = &in_force.reference.offset;
+        let instance = |seen: Vec<Seen<'_>>| Instance { model, offset, seen }.fused();
+        let all: Vec<Seen<'_>> = seen(class, cameras, estimates);
+        let (placed, lost): (Vec<_>, Vec<_>) = all.into_iter().partition(|seen| is_sighting(seen.found));
+        fused.extend(
+            groups(model, &placed)
+                .into_iter()
+                .map(|group| instance(group.into_iter().map(|index| placed[index]).collect())),
+        );
+        fused.extend(lost.into_iter().map(|seen| instance(vec![seen])));
+    }
+    fused.sort_by(|a, b| {
+        let views = |fused: &FusedPose| fused.views.iter().filter(|view| view.left_out.is_none()).count();
+        let by_views = || views(b).cmp(&views(a));
+        a.verdict.status.cmp(&b.verdict.status).then_with(by_views).then_with(|| b.confidence.total_cmp(&a.confidence))
+    });
+    fused
+}
+
+/// All poses of one class.
+fn seen<'a>(class: usize, cameras: &'a [PosedCamera], estimates: &[&'a Estimate]) -> Vec<Seen<'a>> {
+    let views = cameras.iter().zip(estimates).enumerate();
+    let of_view = |(view, (camera, estimate)): (usize, (&'a PosedCamera, &&'a Estimate))| {
+        let estimate: &'a Estimate = estimate;
+        let of_class = estimate.poses.iter().enumerate().filter(move |(_, found)| found.detection.object == class);
+        of_class.map(move |(place, found)| Seen { view, place, found, camera, optics: &estimate.camera })
+    };
+    views.flat_map(of_view).collect()
+}
+
+/// A rejected pose says not even where the object is.
+fn is_sighting(found: &ObjectPose) -> bool {
+    found.pose.is_some() && found.verdict.status != Status::Rejected
+}
+
+fn groups(model: &ObjectModel, seen: &[Seen<'_>]) -> Vec<Vec<usize>> {
+    let sighting = |seen: &Seen<'_>| {
+        let solved = seen.found.pose.as_ref()?;
+        let camera_from_object = solved.camera_from_object;
+        let (place, turn) = sigmas(&seen.camera.covariance.unwrap_or(ViewsOptions::default().camera_covariance));
+        Some(Sighting {
+            view: seen.view,
+            world_from_points: seen.camera.world_from_camera * camera_from_object,
+            camera_in_world: *seen.camera.world_from_camera.translation(),
+            camera_sigma_m: place + turn * camera_from_object.translation().norm(),
+        })
+    };
+    let sightings: Vec<Sighting> = seen.iter().filter_map(sighting).collect();
+    // Where the objects are is compared at the middle of their keypoints, as the first view has it.
+    let middle = seen.first().and_then(|first| {
+        let solved = first.found.pose.as_ref()?;
+        let keypoints = model.manifest.keypoints_scaled_by(solved.keypoints_scale);
+        let centre = keypoints.iter().sum::<Vector3<f64>>() / keypoints.len() as f64;
+        let camera_from_keypoints = solved.evidence.modes.first()?.camera_from_points;
+        Some(solved.camera_from_object.inverse().transform(&camera_from_keypoints.transform(&centre)))
+    });
+    associate(&sightings, &middle.unwrap_or_default(), 0.5 * model.manifest.diameter_m, &model.symmetries)
+}

@@ -1,0 +1,55 @@
+//! How large an object is, from reference images of it.
+
+use posed_core::calibration::Offset;
+use posed_core::geometry::{Camera, Pose};
+use posed_core::pnp::{self, solve};
+use posed_core::views::{Mode, Scale, View, ViewsOptions, solve_views};
+
+use super::instance::SHARED_ERROR;
+use crate::estimator::answer::KeypointPrediction;
+use crate::model::ObjectModel;
+
+/// A reference image with its keypoints.
+pub struct LocatedView {
+    pub camera: Camera,
+    pub camera_from_object: Pose,
+    pub prediction: KeypointPrediction,
+}
+
+/// Gauss-Newton steps in scale.
+const STEPS: usize = 3;
+
+/// How much larger the images show an object than its network says, from what they all say together: the cameras stand where the
+/// object's stated poses put them. `offset` is what the same images gave. `None` from fewer than three images that agree, or
+/// if all look from nearly one direction.
+#[must_use]
+pub fn fit_keypoints_scale(model: &ObjectModel, views: &[LocatedView], offset: &Offset) -> Option<Scale> {
+    let symmetries = model.symmetries.in_frame(&offset.object_from_keypoints.inverse());
+    let mut fitted = Scale { value: offset.keypoints_scale, sigma: 0.0 };
+    for _ in 0..STEPS {
+        let points = model.manifest.keypoints_scaled_by(fitted.value);
+        let modes = |view: &LocatedView| {
+            let KeypointPrediction { pixels, covariances, .. } = &view.prediction;
+            let solution = solve(&points, pixels, covariances, &view.camera, &pnp::Options::default());
+            solution.map_or_else(|_| Vec::new(), |solution| Mode::all_of(&solution))
+        };
+        let modes: Vec<Vec<Mode>> = views.iter().map(modes).collect();
+        let all: Vec<View<'_>> = views
+            .iter()
+            .zip(&modes)
+            .map(|(view, modes)| View {
+                camera: &view.camera,
+                world_from_camera: view.camera_from_object.inverse(),
+                camera_covariance: None,
+                pixels: &view.prediction.pixels,
+                covariances_px: &view.prediction.covariances,
+                modes,
+                trust: 1.0,
+            })
+            .collect();
+        let options = ViewsOptions { shared_error: SHARED_ERROR, ..ViewsOptions::default() };
+        let scale = solve_views(&points, &all, &symmetries, &options).ok()?.scale?;
+        fitted = Scale { value: fitted.value * scale.value, sigma: fitted.value * scale.sigma };
+    }
+    Some(fitted)
+}
