@@ -5,5 +5,6 @@
 pub mod calibration;
 pub mod geometry;
 pub mod pnp;
+pub mod tracking;
 
 pub use nalgebra;
