@@ -118,6 +118,9 @@ pub struct ObjectPose {
     pub object: String,
     pub verdict: Verdict,
     pub detection: Detection,
+    /// The track that expected it there; its box is then the expected one, and its score that of its last detection. `None`
+    /// where the detector found it.
+    pub track: Option<u64>,
     /// `None` when no pose could be solved at all.
     pub pose: Option<SolvedPose>,
     /// The object's extent, metres: for pictures.
@@ -141,6 +144,8 @@ impl ObjectPose {
 #[derive(Clone, Debug)]
 pub struct SolvedPose {
     pub camera_from_object: Pose,
+    /// The virtual keypoints as the network saw them. Of a symmetric object this may be another of its equal poses.
+    pub camera_from_keypoints: Pose,
     pub covariance: Covariance6,
     /// The part of `covariance` that is this image's own, about the same axes. The rest is the offset's uncertainty: one error,
     /// the same in every image.

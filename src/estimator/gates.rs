@@ -38,6 +38,7 @@ pub(super) fn object_pose(
         object: manifest.name.clone(),
         verdict,
         detection,
+        track: None,
         pose,
         diameter_m: manifest.diameter_m,
     };
@@ -89,6 +90,7 @@ fn solved_pose(
     let keypoints = prediction.pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
     SolvedPose {
         camera_from_object,
+        camera_from_keypoints: solution.pose,
         covariance,
         image_covariance: covariance_about(&solution.covariance, &lever),
         reprojection_rmse_px: solution.rmse_px(),

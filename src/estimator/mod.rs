@@ -5,7 +5,9 @@ mod answer;
 mod calibrate;
 mod detect;
 mod doubts;
+mod expected;
 mod feed;
+mod follow;
 mod footprint;
 mod gates;
 mod job;
@@ -31,6 +33,8 @@ pub use answer::{
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use detect::MAX_DETECTIONS;
+pub use expected::{Expected, Guide};
+pub use follow::{FollowOptions, Follower, Tracked};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};

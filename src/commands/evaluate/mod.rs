@@ -8,6 +8,7 @@ mod pool;
 mod problems;
 mod scoring;
 mod sheets;
+mod stream;
 mod study;
 mod table;
 mod without_truth;
@@ -37,6 +38,9 @@ impl Evaluate {
         self.output.check(&self.asked.splits.splits)?;
         if self.asked.splits.without_truth {
             return self.compare_views();
+        }
+        if self.asked.splits.stream {
+            return stream::run(&self.asked, &self.output);
         }
         let scoring = Scoring::new(&self.asked, self.output.bop.is_some())?;
         if let Some(references) = &self.asked.splits.references_study {

@@ -16,6 +16,6 @@ pub(super) async fn estimate(
 ) -> Result<proto::EstimateResponse, Failure> {
     let image = image(std::mem::take(&mut message.image), message.raw_image.take())?;
     let options = service.options(request(message)?)?;
-    let answer = service.estimate(PoseWork { image, body, options: &options, keep_image: false, deadline }).await?;
+    let answer = service.estimate(PoseWork { image, body, options: &options, guide: None, keep_image: false, deadline }).await?;
     Ok(response(&answer, &options, &service.models))
 }
