@@ -72,8 +72,10 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         object: "cube".into(),
         verdict: Verdict::default(),
         detection: Detection { object: 0, bounding_box, score: 0.9 },
+        track: None,
         pose: Some(SolvedPose {
             camera_from_object: Pose::identity(),
+            camera_from_keypoints: Pose::identity(),
             covariance: Covariance6::identity(),
             image_covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,

@@ -87,8 +87,7 @@ pub(super) fn look_at(expected: Vec<Found>, seen: Option<Vec<Detection>>, least_
     let mut explained = vec![false; seen.len()];
     for mut one in expected {
         let of_it = |other: &Detection| {
-            other.object == one.detection.object
-                && other.bounding_box.overlap(&one.detection.bounding_box) > CONFIRMS
+            other.object == one.detection.object && other.bounding_box.overlap(&one.detection.bounding_box) > CONFIRMS
         };
         let confirming = seen.iter().enumerate().filter(|(_, other)| of_it(other));
         let best = confirming.max_by(|(_, a), (_, b)| a.score.total_cmp(&b.score)).map(|(at, _)| at);

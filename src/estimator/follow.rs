@@ -61,10 +61,8 @@ impl Follower {
     /// When an option is out of its range.
     pub fn new(library: Arc<Library>, options: FollowOptions) -> Result<Self, OptionsError> {
         let nothing = Shape { symmetries: Symmetries::default(), diameter_m: 0.0 };
-        let shape = |model: &ObjectModel| Shape {
-            symmetries: model.symmetries.clone(),
-            diameter_m: model.manifest.diameter_m,
-        };
+        let shape =
+            |model: &ObjectModel| Shape { symmetries: model.symmetries.clone(), diameter_m: model.manifest.diameter_m };
         // Numbered as the detector's classes; of those without a model nothing is ever measured.
         let shapes = library.objects.iter().map(|model| model.as_ref().map_or_else(|| nothing.clone(), shape));
         let tracker = Tracker::new(options.motion, shapes.collect())?;

@@ -94,8 +94,17 @@ impl From<PrepareError> for QueueError {
 
 /// What is wanted of an image, and where it goes.
 pub(super) enum Task {
-    Poses { selection: Selection, guide: Option<Guide>, keep_image: bool, reply: oneshot::Sender<Result<Answer, QueueError>> },
-    Reference { object: String, region: Option<BoundingBox>, reply: oneshot::Sender<Result<Solved, QueueError>> },
+    Poses {
+        selection: Selection,
+        guide: Option<Guide>,
+        keep_image: bool,
+        reply: oneshot::Sender<Result<Answer, QueueError>>,
+    },
+    Reference {
+        object: String,
+        region: Option<BoundingBox>,
+        reply: oneshot::Sender<Result<Solved, QueueError>>,
+    },
 }
 
 /// A reference image's box and keypoint pose.

@@ -94,11 +94,7 @@ impl Errors {
             count += instants.len();
             let error = |one: &Instant| {
                 let estimate = pose(one)?;
-                let distance_m = if points.symmetries().is_trivial() {
-                    points.average_distance_m(&estimate, &one.truth)
-                } else {
-                    points.add_s_m(&estimate, &one.truth)
-                };
+                let distance_m = points.average_distance_m(&estimate, &one.truth);
                 let nearest = points.symmetries().nearest(&estimate, &one.truth);
                 Some((one.truth.step_to(&nearest), distance_m < limit_m))
             };

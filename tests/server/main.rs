@@ -21,4 +21,5 @@ mod rollout;
 mod stream;
 #[path = "../support/mod.rs"]
 mod support;
+mod track;
 mod upload;

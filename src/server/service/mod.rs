@@ -14,6 +14,7 @@ mod recalibrate;
 mod recent;
 mod state;
 mod status;
+mod track;
 mod watch;
 
 pub(crate) use access::{Access, AccessError, Scope};
@@ -27,3 +28,4 @@ pub(crate) use recalibrate::{KnownView, Recalibration};
 pub(crate) use recent::Latency;
 pub(crate) use state::{Answered, LoadFailure, Service};
 pub(crate) use status::StatusSnapshot;
+pub(crate) use track::{TrackedStream, Tracking};

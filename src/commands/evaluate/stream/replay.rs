@@ -122,10 +122,8 @@ impl Replay<'_> {
                 };
                 assign(poses.len(), places.len(), distance_m)
             };
-            let live: Vec<&Tracked> = tracked
-                .iter()
-                .filter(|one| one.object == *name && one.view.state != TrackState::Lost)
-                .collect();
+            let live: Vec<&Tracked> =
+                tracked.iter().filter(|one| one.object == *name && one.view.state != TrackState::Lost).collect();
             let of_tracks = at(&live.iter().map(|one| one.view.world_from_object).collect::<Vec<_>>());
             let alone: Vec<Pose> = single.iter().filter(|(of, _)| of == name).map(|(_, pose)| *pose).collect();
             let of_single = at(&alone);

@@ -33,7 +33,8 @@ pub(super) fn tables(scenes: &[Replayed]) -> String {
     for scene in scenes {
         for (object, score) in &scene.objects {
             let (tracks, single) = (&score.tracks, &score.single);
-            let both = |tracks: f64, single: f64, factor: f64| format!("{:.2} ({:.2})", factor * tracks, factor * single);
+            let both =
+                |tracks: f64, single: f64, factor: f64| format!("{:.2} ({:.2})", factor * tracks, factor * single);
             let pose = score.consistency.pose.as_ref();
             let nees = pose.map_or("-".into(), |pose| format!("{:.1}, {:.1}", pose.mean, pose.median));
             let within = pose.and_then(GroupConsistency::within_95);

@@ -98,7 +98,7 @@ fn solved_pose(solved: &SolvedPose, frames: &CallerFrames) -> proto::SolvedPose 
 }
 
 /// Symmetric, so column-major storage reads the same as row-major.
-fn row_major(covariance: &Covariance6) -> Vec<f64> {
+pub(super) fn row_major(covariance: &Covariance6) -> Vec<f64> {
     covariance.iter().copied().collect()
 }
 

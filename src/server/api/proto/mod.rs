@@ -2,6 +2,8 @@
 
 mod answers;
 mod requests;
+mod tracks;
 
 pub(crate) use answers::{known_object, response};
 pub(crate) use requests::{image, request};
+pub(crate) use tracks::{follow_options, tracking};
