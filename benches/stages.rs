@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use fast_image_resize::Resizer;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{
-    Answer, CallerFrames, Detection, Estimate, ObjectPose, SolvedKeypoint, SolvedPose, Timings, Verdict,
+    Answer, CallerFrames, Detection, Estimate, ObjectPose, Observed, SolvedKeypoint, SolvedPose, Timings, Verdict,
 };
 use posed::model::{ModelsInUse, Provider};
 use posed::server::api::json::{Report, ReportContext};
@@ -72,8 +72,10 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         object: "cube".into(),
         verdict: Verdict::default(),
         detection: Detection { object: 0, bounding_box, score: 0.9 },
+        track: None,
         pose: Some(SolvedPose {
             camera_from_object: Pose::identity(),
+            camera_from_keypoints: Pose::identity(),
             covariance: Covariance6::identity(),
             image_covariance: Covariance6::identity(),
             reprojection_rmse_px: 1.0,
@@ -84,6 +86,8 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
             outside_lens: 0,
             alternatives: Vec::new(),
             weight: 1.0,
+            observed: Observed::default(),
+            keypoints_scale: 1.0,
             box_in_camera: [Vector3::zeros(); 8],
         }),
         diameter_m: 0.09,

@@ -143,10 +143,10 @@ fn refusal(status: &Status) -> Outcome {
 /// A stream; its client takes a while over each answer.
 pub async fn stream(world: Arc<World>, round: usize, pause: Duration) -> Outcome {
     let samples: Vec<&Sample> = (0..STREAM_FRAMES).map(|frame| world.material.sample(round + frame)).collect();
-    let settings = Kind::Settings(StreamSettings { latest_only: false, window: 2 });
+    let settings = Kind::Settings(StreamSettings { window: 2, ..StreamSettings::default() });
     let frames = (0..).zip(&samples).map(|(frame_id, sample)| {
         let request = Some(encoded(sample));
-        Kind::Frame(Frame { frame_id, request })
+        Kind::Frame(Frame { frame_id, request, capture_time: None })
     });
     let requests: Vec<_> = std::iter::once(settings).chain(frames).collect();
     let requests = futures::stream::iter(requests.into_iter().map(|kind| EstimateStreamRequest { kind: Some(kind) }));

@@ -121,8 +121,9 @@ async fn streams(world: Arc<World>, round: usize) -> Outcome {
     let poses = world.own_poses();
     let request = encoded(world.material.sample(round));
     let one = async || {
-        let settings = Kind::Settings(StreamSettings { latest_only: true, window: 0 });
-        let frames = (0..4).map(|frame_id| Kind::Frame(Frame { frame_id, request: Some(request.clone()) }));
+        let settings = Kind::Settings(StreamSettings { latest_only: true, ..StreamSettings::default() });
+        let frames =
+            (0..4).map(|frame_id| Kind::Frame(Frame { frame_id, request: Some(request.clone()), capture_time: None }));
         let requests: Vec<_> = std::iter::once(settings).chain(frames).collect();
         let requests = requests.into_iter().map(|kind| EstimateStreamRequest { kind: Some(kind) });
         let Ok(responses) = poses.clone().estimate_stream(futures::stream::iter(requests)).await else { return };

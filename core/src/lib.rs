@@ -5,6 +5,7 @@
 pub mod calibration;
 pub mod geometry;
 pub mod pnp;
+pub mod tracking;
 pub mod views;
 
 pub use nalgebra;

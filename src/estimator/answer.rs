@@ -119,6 +119,9 @@ pub struct ObjectPose {
     pub object: String,
     pub verdict: Verdict,
     pub detection: Detection,
+    /// The track that expected it there; its box is then the expected one, and its score that of its last detection. `None`
+    /// where the detector found it.
+    pub track: Option<u64>,
     /// `None` when no pose could be solved at all.
     pub pose: Option<SolvedPose>,
     /// The object's extent, metres: for pictures.
@@ -142,6 +145,8 @@ impl ObjectPose {
 #[derive(Clone, Debug)]
 pub struct SolvedPose {
     pub camera_from_object: Pose,
+    /// The virtual keypoints as the network saw them. Of a symmetric object this may be another of its equal poses.
+    pub camera_from_keypoints: Pose,
     pub covariance: Covariance6,
     /// The part of `covariance` that is this image's own, about the same axes. The rest is the offset's uncertainty: one error,
     /// the same in every image.
@@ -155,7 +160,7 @@ pub struct SolvedPose {
     /// Posterior weight of this pose among the alternatives.
     pub weight: f64,
     /// What the image says by itself, for fusing it with others.
-    pub evidence: Evidence,
+    pub observed: Observed,
     /// What the reference multiplies the virtual keypoints' coordinates by.
     pub keypoints_scale: f64,
     /// Corners of the box that the virtual keypoints span, in the camera's frame, metres; bit k of the index is axis k.
@@ -185,8 +190,8 @@ impl SolvedPose {
 }
 
 /// What one image says of an object, in frame `keypoints` and without the offset's uncertainty, which all images share.
-#[derive(Clone, Debug)]
-pub struct Evidence {
+#[derive(Clone, Debug, Default)]
+pub struct Observed {
     /// Where the network sees the virtual keypoints, with covariances: image pixels.
     pub pixels: Vec<Vector2<f64>>,
     pub covariances: Vec<Matrix2<f64>>,

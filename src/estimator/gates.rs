@@ -1,6 +1,6 @@
 //! From keypoints to a pose that a robot can trust, or a reason why not.
 
-use super::answer::{Detection, Evidence, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
+use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedKeypoint, SolvedPose};
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
 use crate::model::ObjectModel;
@@ -39,6 +39,7 @@ pub(super) fn object_pose(
         object: manifest.name.clone(),
         verdict,
         detection,
+        track: None,
         pose,
         diameter_m: manifest.diameter_m,
     };
@@ -90,6 +91,7 @@ fn solved_pose(
     let keypoints = prediction.pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
     SolvedPose {
         camera_from_object,
+        camera_from_keypoints: solution.pose,
         covariance,
         image_covariance: covariance_about(&solution.covariance, &lever),
         reprojection_rmse_px: solution.rmse_px(),
@@ -104,7 +106,7 @@ fn solved_pose(
         outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
-        evidence: Evidence {
+        observed: Observed {
             pixels: prediction.pixels.clone(),
             covariances: prediction.covariances.clone(),
             modes: Mode::all_of(solution),

@@ -11,6 +11,7 @@ use tokio::sync::oneshot;
 
 use super::admission::{BodyLease, PixelLease, Place, Refusal};
 use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
+use super::expected::Guide;
 use super::prepare::{Pixels, PrepareError};
 use crate::vision::{BoundingBox, Exif, Image};
 
@@ -22,6 +23,8 @@ pub struct Work {
     pub body: Option<Arc<BodyLease>>,
     pub camera: Camera,
     pub selection: Selection,
+    /// What earlier images of its stream say.
+    pub guide: Option<Guide>,
     /// Give the pixels back with the answer: for a picture of it.
     pub keep_image: bool,
     /// After this nobody waits any more.
@@ -91,8 +94,17 @@ impl From<PrepareError> for QueueError {
 
 /// What is wanted of an image, and where it goes.
 pub(super) enum Task {
-    Poses { selection: Selection, keep_image: bool, reply: oneshot::Sender<Result<Answer, QueueError>> },
-    Reference { object: String, region: Option<BoundingBox>, reply: oneshot::Sender<Result<Solved, QueueError>> },
+    Poses {
+        selection: Selection,
+        guide: Option<Guide>,
+        keep_image: bool,
+        reply: oneshot::Sender<Result<Answer, QueueError>>,
+    },
+    Reference {
+        object: String,
+        region: Option<BoundingBox>,
+        reply: oneshot::Sender<Result<Solved, QueueError>>,
+    },
 }
 
 /// A reference image's box and keypoint pose.

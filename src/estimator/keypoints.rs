@@ -29,6 +29,9 @@ const MAX_LOOKS: usize = 4;
 /// By how much the size and the centre of two places differ, of their size, for the second to be elsewhere.
 const ELSEWHERE: f64 = 0.03;
 
+/// The same for an object that was expected: one look is enough for it, unless it was not where it should be.
+const FAR_ELSEWHERE: f64 = 0.12;
+
 /// Mean distance of two crops' keypoints, of the side of their place. One crop of a symmetric object may show other
 /// keypoints than the next, and be as right; their mean is not.
 const MAX_DISAGREEMENT: f64 = 0.1;
@@ -37,6 +40,8 @@ const MAX_DISAGREEMENT: f64 = 0.1;
 pub(super) struct Crops<'a> {
     image: &'a RgbImage,
     place: Square,
+    /// Whether the place is that of a closer look already.
+    expected: bool,
     resampled: Vec<Resampled>,
 }
 
@@ -52,6 +57,17 @@ pub(super) fn cut<'a>(
     cut_all(manifest, resizer, image, Square::around(&region), variants)
 }
 
+/// Cuts the one crop of an object that is expected at a place, as a closer look would.
+pub(super) fn cut_expected<'a>(
+    manifest: &KeypointManifest,
+    resizer: &mut Resizer,
+    image: &'a RgbImage,
+    place: Square,
+) -> Result<Crops<'a>, ResampleError> {
+    let crops = cut_all(manifest, resizer, image, place, &[CropVariant::PLAIN])?;
+    Ok(Crops { expected: true, ..crops })
+}
+
 fn cut_all<'a>(
     manifest: &KeypointManifest,
     resizer: &mut Resizer,
@@ -63,7 +79,7 @@ fn cut_all<'a>(
     let square = |variant: &CropVariant| whole.scaled(variant.scale).turned(variant.turn_deg.to_radians());
     let squares: Vec<Square> = variants.iter().map(square).collect();
     let resampled = crop_squares(resizer, image, &squares, manifest.input.size)?;
-    Ok(Crops { image, place, resampled })
+    Ok(Crops { image, place, expected: false, resampled })
 }
 
 /// Runs a network on as many crops as it ever gets at once, and on those of one box.
@@ -91,21 +107,26 @@ pub(super) fn locate(
     crops: &[Crops<'_>],
 ) -> Result<Vec<KeypointPrediction>, EstimateError> {
     let mut found = predict(manifest, network, crops)?;
-    let Some(SecondLook { zoom, up }) = manifest.second_look else { return Ok(found) };
-    let up = Vector3::from(up);
-    let heights: Vec<f64> = manifest.keypoints().iter().map(|point| point.dot(&up)).collect();
+    let Some(closer_look) = &manifest.second_look else { return Ok(found) };
+    let keypoints = manifest.keypoints();
     let mut looked: Vec<(usize, Square)> = crops.iter().map(|first| first.place).enumerate().collect();
     for look in 1..MAX_LOOKS {
         let again = |(at, place): (usize, Square)| {
-            let next = zoomed(&found[at], &heights, &crops[at].place, zoom)?;
-            (look == 1 || elsewhere(&next, &place)).then_some((at, next))
+            let next = zoomed(&found[at], &keypoints, &crops[at].place, closer_look)?;
+            let is_wanted = if crops[at].expected {
+                look == 1 && elsewhere(&next, &place, FAR_ELSEWHERE)
+            } else {
+                look == 1 || elsewhere(&next, &place, ELSEWHERE)
+            };
+            is_wanted.then_some((at, next))
         };
         looked = looked.into_iter().filter_map(again).collect();
         if looked.is_empty() {
             break;
         }
         let cut = |(at, place): &(usize, Square)| {
-            cut_all(manifest, resizer, crops[*at].image, *place, &manifest.crop_ensemble)
+            let variants = if crops[*at].expected { &[CropVariant::PLAIN] } else { manifest.crop_ensemble.as_slice() };
+            cut_all(manifest, resizer, crops[*at].image, *place, variants)
         };
         let closer = looked.iter().map(cut).collect::<Result<Vec<_>, _>>()?;
         for ((at, _), prediction) in looked.iter().zip(predict(manifest, network, &closer)?) {
@@ -115,25 +136,37 @@ pub(super) fn locate(
     Ok(found)
 }
 
-/// Where to look next: about the keypoints' centre, as large as they are spread, and so that the axis points up along
-/// which they have these `heights`. `None` where that is no place for the object of this box.
-fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom: f64) -> Option<Square> {
-    let share = (prediction.pixels.len() as f64).recip();
-    let centre = prediction.pixels.iter().sum::<Vector2<f64>>() * share;
-    let arms = prediction.pixels.iter().map(|pixel| pixel - centre);
-    let side = zoom * (arms.clone().map(|arm| arm.norm_squared()).sum::<f64>() * share).sqrt();
-    let axis: Vector2<f64> = arms.zip(heights).map(|(arm, height)| arm * *height).sum();
-    let near = (centre - first.centre).amax() <= first.side;
-    (near && ZOOMED_PER_BOX.contains(&(side / first.side))).then(|| Square {
-        centre,
-        side,
-        turn: f64::atan2(-axis.x, -axis.y),
-    })
+/// Where to look closer. `None` where that is no place for the object of this box.
+fn zoomed(
+    prediction: &KeypointPrediction,
+    keypoints: &[Vector3<f64>],
+    first: &Square,
+    look: &SecondLook,
+) -> Option<Square> {
+    let next = closer(&prediction.pixels, keypoints, look);
+    let near = (next.centre - first.centre).amax() <= first.side;
+    (near && ZOOMED_PER_BOX.contains(&(next.side / first.side))).then_some(next)
 }
 
-fn elsewhere(next: &Square, place: &Square) -> bool {
+/// The place of a closer look at keypoints that are at these pixels: about their centre, as large as they are spread, and
+/// so that the axis points up that the look is for.
+pub(super) fn closer(
+    pixels: &[Vector2<f64>],
+    keypoints: &[Vector3<f64>],
+    SecondLook { zoom, up }: &SecondLook,
+) -> Square {
+    let up = Vector3::from(*up);
+    let share = (pixels.len() as f64).recip();
+    let centre = pixels.iter().sum::<Vector2<f64>>() * share;
+    let arms = pixels.iter().map(|pixel| pixel - centre);
+    let side = zoom * (arms.clone().map(|arm| arm.norm_squared()).sum::<f64>() * share).sqrt();
+    let axis: Vector2<f64> = arms.zip(keypoints).map(|(arm, point)| arm * point.dot(&up)).sum();
+    Square { centre, side, turn: f64::atan2(-axis.x, -axis.y) }
+}
+
+fn elsewhere(next: &Square, place: &Square, by: f64) -> bool {
     let moved = (next.centre - place.centre).amax() / place.side;
-    moved.max((next.side / place.side).ln().abs()) > ELSEWHERE
+    moved.max((next.side / place.side).ln().abs()) > by
 }
 
 /// The keypoints of many boxes by their crops.

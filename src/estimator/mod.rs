@@ -5,7 +5,9 @@ mod answer;
 mod calibrate;
 mod detect;
 mod doubts;
+mod expected;
 mod feed;
+mod follow;
 mod footprint;
 mod gates;
 mod job;
@@ -27,11 +29,13 @@ mod worker;
 
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};
 pub use answer::{
-    Abandoned, CallerFrames, Detection, Estimate, EstimateError, Evidence, KeypointPrediction, MeasureError,
-    ObjectPose, Selection, SolvedKeypoint, SolvedPose, Timings,
+    Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
+    Observed, Selection, SolvedKeypoint, SolvedPose, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use detect::MAX_DETECTIONS;
+pub use expected::{Expected, Guide};
+pub use follow::{FollowOptions, Follower, Tracked};
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};

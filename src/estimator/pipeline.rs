@@ -5,10 +5,11 @@ use fast_image_resize::Resizer;
 use image::RgbImage;
 
 use super::answer::{
-    Abandoned, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection, Timings,
+    Abandoned, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection, Timings,
 };
-use super::detect::{Seen, Wanted, detect};
+use super::detect::{Wanted, detect};
 use super::doubts;
+use super::expected::{Expected, Found, Guide, look_at};
 use super::gates::object_pose;
 use super::keypoints::{self, Crops};
 use super::watchdog::Activity;
@@ -24,6 +25,8 @@ pub struct Frame<'a> {
     /// The camera that took it; scaled where the selection allows that and the image is the camera's image resized.
     pub camera: &'a Camera,
     pub selection: &'a Selection,
+    /// What earlier images of its stream say; without it the detector looks.
+    pub guide: Option<&'a Guide>,
     /// Asked before each stage; an error where nobody waits for the answer any more.
     pub abandoned: &'a dyn Fn() -> Result<(), Abandoned>,
 }
@@ -32,7 +35,7 @@ impl<'a> Frame<'a> {
     /// An image whose answer is wanted in any case, with all its objects.
     #[must_use]
     pub fn new(image: &'a RgbImage, camera: &'a Camera) -> Self {
-        Self { image, camera, selection: &Selection::ALL, abandoned: &|| Ok(()) }
+        Self { image, camera, selection: &Selection::ALL, guide: None, abandoned: &|| Ok(()) }
     }
 }
 
@@ -49,7 +52,7 @@ pub struct Estimator {
 /// An image on its way through the stages.
 struct Progress {
     camera: Camera,
-    detections: Vec<Detection>,
+    found: Vec<Found>,
     truncated: bool,
     poses: Vec<ObjectPose>,
     timings: Timings,
@@ -58,7 +61,7 @@ struct Progress {
 /// One box whose keypoints are wanted.
 struct BoxInFrame {
     frame: usize,
-    detection: Detection,
+    found: Found,
 }
 
 impl Estimator {
@@ -124,7 +127,7 @@ impl Estimator {
             None => {
                 let classes = (0..library.objects.len()).map(|class| class == index).collect();
                 let wanted = Wanted { classes, least_score: 0.0 };
-                the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.detections, index)?
+                the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.found, index)?
             }
         };
         let network = self.networks.keypoints[index].as_mut();
@@ -173,12 +176,23 @@ impl Estimator {
         } else {
             frame.camera.for_image(width, height).map_err(EstimateError::OtherSize)?
         };
+        let expected = frame.guide.map_or(&[][..], |guide| &guide.expected);
+        let place = |one: &Expected| {
+            let is_wanted = wanted.classes.get(one.object).is_some_and(|wanted| *wanted);
+            let model = self.library.objects.get(one.object)?.as_ref().filter(|_| is_wanted)?;
+            one.found(&model.manifest, &camera, (width, height))
+        };
+        let expected: Vec<Found> = expected.iter().filter_map(place).collect();
         let manifest = &self.library.detector.manifest;
-        self.activity.runs("the detector");
-        let Seen { detections, truncated, elapsed } =
-            detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image, wanted)?;
-        let timings = Timings { detect: elapsed, ..Timings::default() };
-        Ok(Progress { camera, detections, truncated, poses: Vec::new(), timings })
+        let (mut seen, mut truncated, mut timings) = (None, false, Timings::default());
+        if frame.guide.is_none_or(|guide| guide.detect) {
+            self.activity.runs("the detector");
+            let found = detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image, wanted)?;
+            (truncated, timings.detect) = (found.truncated, found.elapsed);
+            seen = Some(found.detections);
+        }
+        let found = look_at(expected, seen, manifest.score_threshold.max(wanted.least_score));
+        Ok(Progress { camera, found, truncated, poses: Vec::new(), timings })
     }
 
     /// One object's keypoints and poses in all frames.
@@ -197,7 +211,7 @@ impl Estimator {
         let predictions = locate(model, network, &mut self.resizer, &wanted, &crops);
         let elapsed = start.elapsed();
         let mut timed = None;
-        for (BoxInFrame { frame, detection }, prediction) in wanted.into_iter().zip(predictions) {
+        for (BoxInFrame { frame, found }, prediction) in wanted.into_iter().zip(predictions) {
             let prediction = match prediction {
                 Ok(prediction) => prediction,
                 Err(error) => {
@@ -210,7 +224,8 @@ impl Estimator {
                 progress.timings.keypoints += elapsed;
             }
             let start = Instant::now();
-            progress.poses.push(object_pose(model, offset, detection, &prediction, &progress.camera));
+            let pose = object_pose(model, offset, found.detection, &prediction, &progress.camera);
+            progress.poses.push(ObjectPose { track: found.expected.map(|place| place.track), ..pose });
             progress.timings.pnp += start.elapsed();
         }
     }
@@ -226,18 +241,21 @@ impl Estimator {
         let (mut wanted, mut crops) = (Vec::new(), Vec::new());
         for (frame_index, (frame, progress)) in frames.iter().zip(progress).enumerate() {
             let Ok(of_frame) = progress else { continue };
-            let found: Vec<Detection> = of_frame.detections.iter().filter(|d| d.object == index).copied().collect();
+            let found: Vec<Found> = of_frame.found.iter().filter(|f| f.detection.object == index).copied().collect();
             if found.is_empty() {
                 continue;
             }
             let cut = (frame.abandoned)().map_err(EstimateError::from).and_then(|()| {
-                let mut cut =
-                    |d: &Detection| keypoints::cut(&model.manifest, &mut self.resizer, frame.image, d.bounding_box);
+                let (manifest, resizer) = (&model.manifest, &mut self.resizer);
+                let mut cut = |one: &Found| match one.expected {
+                    Some(place) => keypoints::cut_expected(manifest, resizer, frame.image, place.square),
+                    None => keypoints::cut(manifest, resizer, frame.image, one.detection.bounding_box),
+                };
                 Ok(found.iter().map(&mut cut).collect::<Result<Vec<_>, _>>()?)
             });
             match cut {
                 Ok(cut) => {
-                    wanted.extend(found.into_iter().map(|detection| BoxInFrame { frame: frame_index, detection }));
+                    wanted.extend(found.into_iter().map(|found| BoxInFrame { frame: frame_index, found }));
                     crops.extend(cut);
                 }
                 Err(error) => *progress = Err(error),
@@ -280,13 +298,28 @@ fn locate(
     frames().flat_map(alone).collect()
 }
 
-fn the_only_box(detections: &[Detection], object: usize) -> Result<BoundingBox, MeasureError> {
-    let mut boxes = detections.iter().filter(|d| d.object == object).map(|d| d.bounding_box);
+fn the_only_box(found: &[Found], object: usize) -> Result<BoundingBox, MeasureError> {
+    let mut boxes = found.iter().map(|one| one.detection).filter(|d| d.object == object).map(|d| d.bounding_box);
     match (boxes.next(), boxes.next()) {
         (Some(region), None) => Ok(region),
         (None, _) => Err(MeasureError::NotSeen),
         (Some(_), Some(_)) => Err(MeasureError::SeveralSeen),
     }
+}
+
+/// At most so many of each object: those that are expected first, since who follows one would lose it, then the most trusted.
+fn limit_instances(poses: &mut Vec<ObjectPose>, limit: usize) {
+    let mut left: Vec<usize> = (0..poses.len()).collect();
+    left.sort_by_key(|at| poses[*at].track.is_none());
+    let mut kept = vec![false; poses.len()];
+    let mut seen: Vec<usize> = Vec::new();
+    for at in left {
+        let object = poses[at].detection.object;
+        seen.push(object);
+        kept[at] = seen.iter().filter(|other| **other == object).count() <= limit;
+    }
+    let mut kept = kept.into_iter();
+    poses.retain(|_| kept.next().unwrap_or_default());
 }
 
 impl Progress {
@@ -308,11 +341,7 @@ impl Progress {
             a.verdict.status.cmp(&b.verdict.status).then_with(by_confidence).then_with(by_score)
         });
         if let Some(limit) = selection.max_instances {
-            let mut seen: Vec<usize> = Vec::new();
-            poses.retain(|pose| {
-                seen.push(pose.detection.object);
-                seen.iter().filter(|object| **object == pose.detection.object).count() <= limit
-            });
+            limit_instances(&mut poses, limit);
         }
         let (width, height) = frame.image.dimensions();
         let camera_scaled_from = frame.camera.size().filter(|size| *size != (width, height));

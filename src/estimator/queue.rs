@@ -79,9 +79,9 @@ impl Queue {
     /// [`QueueError::Refused`] at once when the queue is full, or the answer would come late; [`Abandoned::Expired`] at the
     /// deadline, whatever the workers do; otherwise what decoding or estimating says.
     pub async fn estimate(&self, work: Work) -> Result<Answer, QueueError> {
-        let Work { image, body, camera, selection, keep_image, deadline } = work;
+        let Work { image, body, camera, selection, guide, keep_image, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        let task = Task::Poses { selection, keep_image, reply };
+        let task = Task::Poses { selection, guide, keep_image, reply };
         self.run(Request { image, body, camera, task, keep_image, deadline }, answer).await
     }
 

@@ -110,6 +110,17 @@ impl Reasons {
     }
 }
 
+/// Reasons for which a track does not take a pose: there is no telling what the keypoints show.
+const NOT_MEASURED: [Reason; 7] = [
+    Reason::FewInliers,
+    Reason::HighResidual,
+    Reason::BoxMismatch,
+    Reason::WeakKeypoints,
+    Reason::UncertainPose,
+    Reason::NoPose,
+    Reason::NotFinite,
+];
+
 /// A judgement that others can only make worse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Verdict {
@@ -141,6 +152,12 @@ impl Verdict {
             }
         }
         verdict
+    }
+
+    /// Whether the pose is that of what the keypoints show. Doubts about the whole image, or between two poses, leave it so.
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
+        self.status != Status::Rejected && !NOT_MEASURED.iter().any(|reason| self.reasons.contains(*reason))
     }
 
     /// Adds a reason and the least trust that it leaves.

@@ -224,11 +224,11 @@ fn estimate_frames(estimator: &mut Estimator, batch: &[Job]) -> Option<Vec<Resul
     let checks: Vec<_> = batch.iter().map(|job| || job.abandoned()).collect();
     let mut frames: Vec<Frame<'_>> = Vec::with_capacity(batch.len());
     for (job, abandoned) in batch.iter().zip(&checks) {
-        let selection = match &job.task {
-            Task::Poses { selection, .. } => selection,
-            Task::Reference { .. } => &Selection::ALL,
+        let (selection, guide) = match &job.task {
+            Task::Poses { selection, guide, .. } => (selection, guide.as_ref()),
+            Task::Reference { .. } => (&Selection::ALL, None),
         };
-        frames.push(Frame { image: &job.pixels.image, camera: &job.camera, selection, abandoned });
+        frames.push(Frame { image: &job.pixels.image, camera: &job.camera, selection, guide, abandoned });
     }
     catch_unwind(AssertUnwindSafe(|| estimator.estimate_all(&frames))).ok()
 }

@@ -12,6 +12,7 @@ mod ply;
 mod record;
 mod report;
 mod results;
+mod stream;
 mod visibility;
 
 pub use assign::assign;
@@ -31,4 +32,5 @@ pub use report::{
     Boxes, Counted, Detections, FalseLine, Intervals, ObjectRecords, Picks, Report, Section, Verdicts, ViewLine, picks,
 };
 pub use results::{BoxResult, PoseResult, ResultsError, read_poses, results_name, write_boxes, write_poses};
+pub use stream::{Followed, Instant, StreamScore};
 pub use visibility::VisibleRange;

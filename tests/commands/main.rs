@@ -9,6 +9,7 @@ mod onnx;
 mod refusals;
 mod settings;
 mod still;
+mod stream;
 #[path = "../support/mod.rs"]
 mod support;
 mod views;

@@ -36,6 +36,7 @@ fn work(brightness: u8, time: Duration) -> Work {
         body: None,
         camera: camera(),
         selection,
+        guide: None,
         keep_image: false,
         deadline: Instant::now() + time,
     }

@@ -173,12 +173,16 @@ async fn streams(server: &Arc<Server>) {
 async fn stream(mut client: PoseServiceClient<tonic::transport::Channel>, image: Bytes) {
     let (frames, requests) = tokio::sync::mpsc::channel(1);
     let sender = tokio::spawn(async move {
-        let settings = StreamSettings { latest_only: true, window: 0 };
+        let settings = StreamSettings { latest_only: true, ..StreamSettings::default() };
         let _ = frames.send(EstimateStreamRequest { kind: Some(Kind::Settings(settings)) }).await;
         for frame_id in 0..4 {
             let camera = Some(Camera::CameraId("demo".into()));
             let request = Some(EstimateRequest { image: image.clone(), camera, ..EstimateRequest::default() });
-            let _ = frames.send(EstimateStreamRequest { kind: Some(Kind::Frame(Frame { frame_id, request })) }).await;
+            let _ = frames
+                .send(EstimateStreamRequest {
+                    kind: Some(Kind::Frame(Frame { frame_id, request, capture_time: None })),
+                })
+                .await;
         }
     });
     let requests = tokio_stream::wrappers::ReceiverStream::new(requests);

@@ -21,5 +21,6 @@ mod rollout;
 mod stream;
 #[path = "../support/mod.rs"]
 mod support;
+mod track;
 mod upload;
 mod views;

@@ -22,11 +22,13 @@ fn frame(frame_id: u64, image: Vec<u8>) -> EstimateStreamRequest {
         camera: Some(Camera::CameraId("demo".into())),
         ..EstimateRequest::default()
     };
-    EstimateStreamRequest { kind: Some(Kind::Frame(Frame { frame_id, request: Some(request) })) }
+    EstimateStreamRequest { kind: Some(Kind::Frame(Frame { frame_id, request: Some(request), capture_time: None })) }
 }
 
 fn settings(latest_only: bool, window: u32) -> EstimateStreamRequest {
-    EstimateStreamRequest { kind: Some(Kind::Settings(StreamSettings { latest_only, window })) }
+    EstimateStreamRequest {
+        kind: Some(Kind::Settings(StreamSettings { latest_only, window, ..StreamSettings::default() })),
+    }
 }
 
 async fn stream(server: &Server, requests: Vec<EstimateStreamRequest>) -> Streaming<EstimateStreamResponse> {

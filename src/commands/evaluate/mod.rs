@@ -8,6 +8,7 @@ mod pool;
 mod problems;
 mod scoring;
 mod sheets;
+mod stream;
 mod study;
 mod table;
 mod views;
@@ -45,6 +46,9 @@ impl Evaluate {
                 return Err("--views takes one --split; its scenes may be many".into());
             };
             return SeveralViews { asked: &self.asked, split, output: &self.output }.run();
+        }
+        if self.asked.splits.stream {
+            return stream::run(&self.asked, &self.output);
         }
         let scoring = Scoring::new(&self.asked, self.output.bop.is_some())?;
         if let Some(references) = &self.asked.splits.references_study {

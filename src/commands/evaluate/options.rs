@@ -76,6 +76,21 @@ pub(super) struct SplitArgs {
     /// In so many of the views the object is made to look turned by half a turn: are they found out?
     #[arg(long, value_name = "K", requires = "views", default_value_t = 0, hide_default_value = true)]
     pub(super) wrong_views: usize,
+    /// Replay the images of each scene in their order as a stream that tracks, and compare it with single images: rate, spread,
+    /// identity switches, errors. Uses the whole pipeline, with the detector.
+    #[arg(long, conflicts_with_all = ["targets", "detector", "estimates", "references_study", "without_truth", "html", "bop"])]
+    pub(super) stream: bool,
+    /// With `--stream`: images a second. An image's time is its number divided by this.
+    #[arg(long, value_name = "RATE", default_value_t = 30.0, value_parser = rate)]
+    pub(super) fps: f64,
+    /// With `--stream`: run the detector on every n-th image.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(super) detect_every: u32,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate| (0.01..=1000.0).contains(rate));
+    rate.ok_or_else(|| "must be a number from 0.01 to 1000".into())
 }
 
 impl Asked {

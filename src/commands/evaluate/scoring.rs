@@ -163,7 +163,7 @@ impl<'a> Scoring<'a> {
     }
 }
 
-fn known(asked: &Asked, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
+pub(super) fn known(asked: &Asked, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
     let folder = asked.splits.meshes.as_deref().ok_or("--meshes is missing")?;
     let mesh = ObjectMesh::read(folder, model.manifest.obj_id)?;
     let points = ModelPoints::new(&mesh)?;

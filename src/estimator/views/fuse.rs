@@ -77,7 +77,7 @@ fn groups(model: &ObjectModel, seen: &[Seen<'_>]) -> Vec<Vec<usize>> {
         let solved = first.found.pose.as_ref()?;
         let keypoints = model.manifest.keypoints_scaled_by(solved.keypoints_scale);
         let centre = keypoints.iter().sum::<Vector3<f64>>() / keypoints.len() as f64;
-        let camera_from_keypoints = solved.evidence.modes.first()?.camera_from_points;
+        let camera_from_keypoints = solved.observed.modes.first()?.camera_from_points;
         Some(solved.camera_from_object.inverse().transform(&camera_from_keypoints.transform(&centre)))
     });
     associate(&sightings, &middle.unwrap_or_default(), 0.5 * model.manifest.diameter_m, &model.symmetries)

@@ -59,14 +59,14 @@ impl Instance<'_> {
         let views: Vec<View<'_>> = self
             .seen
             .iter()
-            .filter_map(|seen| Some((seen, &seen.found.pose.as_ref()?.evidence)))
-            .map(|(seen, evidence)| View {
+            .filter_map(|seen| Some((seen, &seen.found.pose.as_ref()?.observed)))
+            .map(|(seen, observed)| View {
                 camera: seen.optics,
                 world_from_camera: seen.camera.world_from_camera,
                 camera_covariance: seen.camera.covariance,
-                pixels: &evidence.pixels,
-                covariances_px: &evidence.covariances,
-                modes: &evidence.modes,
+                pixels: &observed.pixels,
+                covariances_px: &observed.covariances,
+                modes: &observed.modes,
                 trust: seen.found.confidence().max(MIN_TRUST),
             })
             .collect();

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use crate::estimator::BodyLease;
 use crate::proto;
-use crate::server::api::proto::{image, request, response, views_request, views_response};
-use crate::server::service::{Failure, PoseWork, Service, ViewsWork};
+use crate::server::api::proto::{image, request, response, tracking, views_request, views_response};
+use crate::server::service::{Failure, PoseWork, Service, TrackedStream, ViewsWork};
 
 pub(super) async fn estimate(
     service: &Service,
@@ -16,7 +16,8 @@ pub(super) async fn estimate(
 ) -> Result<proto::EstimateResponse, Failure> {
     let image = image(std::mem::take(&mut message.image), message.raw_image.take())?;
     let options = service.options(request(message)?)?;
-    let answer = service.estimate(PoseWork { image, body, options: &options, keep_image: false, deadline }).await?;
+    let answer =
+        service.estimate(PoseWork { image, body, options: &options, guide: None, keep_image: false, deadline }).await?;
     Ok(response(&answer, &options, &service.models))
 }
 
@@ -32,4 +33,29 @@ pub(super) async fn estimate_views(
     let captured_at = checked.captured_at.clone();
     let answer = service.estimate_views(ViewsWork { images, body, checked, keep_images: false, deadline }).await?;
     Ok(views_response(&answer, captured_at, &service.models))
+}
+
+/// One frame of a stream that tracks.
+pub(super) struct TrackedFrame {
+    pub message: proto::EstimateRequest,
+    pub capture_time: Option<f64>,
+    pub body: Arc<BodyLease>,
+    pub arrived: Instant,
+    pub deadline: Instant,
+}
+
+pub(super) async fn estimate_tracked(
+    service: &Service,
+    stream: &mut TrackedStream,
+    frame: TrackedFrame,
+) -> Result<(proto::EstimateResponse, proto::Tracking), Failure> {
+    let TrackedFrame { mut message, capture_time, body, arrived, deadline } = frame;
+    let image = image(std::mem::take(&mut message.image), message.raw_image.take())?;
+    let options = service.options(request(message)?)?;
+    let next = stream.next(&options, capture_time, arrived)?;
+    let guide = Some(&next.guide);
+    let work = PoseWork { image, body, options: &options, guide, keep_image: false, deadline };
+    let answer = service.estimate(work).await?;
+    let tracks = stream.take(&next, &options, &answer.estimate)?;
+    Ok((response(&answer, &options, &service.models), tracking(&tracks, &options.frames)))
 }

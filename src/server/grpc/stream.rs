@@ -2,12 +2,13 @@
 
 use std::pin::pin;
 use std::sync::Arc;
+use std::time::Instant;
 
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{Mutex, mpsc, watch};
 use tokio::task::JoinSet;
 use tonic::{Code, Status, Streaming};
 
-use super::answer::estimate;
+use super::answer::{TrackedFrame, estimate, estimate_tracked};
 use super::call::Call;
 use super::failure::{code, outcome};
 use super::timeout::expired;
@@ -15,9 +16,10 @@ use super::until::shutting_down;
 use crate::estimator::BodyLease;
 use crate::proto::estimate_stream_request::Kind;
 use crate::proto::estimate_stream_response::Result as FrameResult;
-use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings};
+use crate::proto::{EstimateStreamRequest, EstimateStreamResponse, Frame, FrameError, StreamSettings, Tracking};
+use crate::server::api::proto::follow_options;
 use crate::server::pending::Pending;
-use crate::server::service::{FailureKind, Service};
+use crate::server::service::{Failure, FailureKind, Service, TrackedStream};
 use crate::server::stop::stopped;
 
 const DEFAULT_WINDOW: u32 = 4;
@@ -29,6 +31,7 @@ type Responses = mpsc::Sender<Result<EstimateStreamResponse, Status>>;
 struct LeasedFrame {
     frame: Frame,
     body: Arc<BodyLease>,
+    arrived: Instant,
     /// Counts it.
     pending: Pending,
 }
@@ -44,6 +47,8 @@ pub(super) struct Frames {
     waiting: Option<LeasedFrame>,
     latest_only: bool,
     window: usize,
+    /// With `track`. Its frames are worked on one at a time, so nobody waits for it.
+    tracked: Option<Arc<Mutex<TrackedStream>>>,
     started: bool,
 }
 
@@ -57,6 +62,7 @@ impl Frames {
             waiting: None,
             latest_only: false,
             window: DEFAULT_WINDOW as usize,
+            tracked: None,
             started: false,
         }
     }
@@ -121,14 +127,14 @@ impl Frames {
             Some(Kind::Settings(settings)) => self.set(settings),
             Some(Kind::Frame(frame)) => {
                 self.started = true;
-                let frame = LeasedFrame { frame, body, pending: self.pending() };
+                let frame = LeasedFrame { frame, body, arrived: Instant::now(), pending: self.pending() };
                 if self.in_work.len() < self.window {
                     self.start(frame);
                 } else if let Some(LeasedFrame { frame: replaced, pending, .. }) = self.waiting.replace(frame) {
                     pending.answered("replaced", None);
                     let message = "replaced by a newer frame ('latest_only')".to_owned();
                     let result = FrameResult::Error(FrameError { code: Code::Aborted.into(), message });
-                    respond(&self.responses, replaced.frame_id, result).await;
+                    respond(&self.responses, replaced.frame_id, result, None).await;
                 }
                 Ok(())
             }
@@ -146,9 +152,17 @@ impl Frames {
                 "'window' is {window}; it must be between 1 and {MAX_WINDOW}, or 0 for the default"
             )));
         }
+        if settings.tracking.is_some() && !settings.track {
+            return Err(Status::invalid_argument("'tracking' is set, but 'track' is not; set both"));
+        }
+        if settings.track {
+            let options = follow_options(&settings.tracking.unwrap_or_default());
+            let tracked = self.service.track(options).map_err(|failure| self.call.failed(failure))?;
+            self.tracked = Some(Arc::new(Mutex::new(tracked)));
+        }
         self.started = true;
         self.latest_only = settings.latest_only;
-        self.window = match (settings.latest_only, settings.window) {
+        self.window = match (settings.latest_only || settings.track, settings.window) {
             (true, _) => 1,
             (false, 0) => DEFAULT_WINDOW as usize,
             (false, window) => window as usize,
@@ -164,24 +178,37 @@ impl Frames {
 
     fn start(&mut self, frame: LeasedFrame) {
         let (service, responses) = (Arc::clone(&self.service), self.responses.clone());
-        let LeasedFrame { frame, body, pending } = frame;
+        let tracked = self.tracked.clone();
+        let LeasedFrame { frame: Frame { frame_id, request, capture_time }, body, arrived, pending } = frame;
         let deadline = service.deadline(None);
         let deadline = self.call.deadline.map_or(deadline, |of_stream| deadline.min(of_stream));
         self.in_work.spawn(async move {
-            let answer = estimate(&service, frame.request.unwrap_or_default(), body, deadline).await;
+            let message = request.unwrap_or_default();
+            let answer = match tracked {
+                Some(stream) => {
+                    let frame = TrackedFrame { message, capture_time, body, arrived, deadline };
+                    let answer = estimate_tracked(&service, &mut *stream.lock().await, frame).await;
+                    answer.map(|(answer, tracking)| (answer, Some(tracking)))
+                }
+                None if capture_time.is_some() => Err(Failure::invalid(
+                    "field 'capture_time' is set, but the stream does not track; set 'track' in its settings",
+                )),
+                None => estimate(&service, message, body, deadline).await.map(|answer| (answer, None)),
+            };
             pending.answered(answer.as_ref().map_or_else(|failure| failure.kind.name(), |_| "ok"), None);
-            let result = match answer {
-                Ok(answer) => FrameResult::Answer(answer),
+            let (result, tracking) = match answer {
+                Ok((answer, tracking)) => (FrameResult::Answer(answer), tracking),
                 Err(failure) => {
-                    FrameResult::Error(FrameError { code: code(failure.kind).into(), message: failure.message })
+                    let error = FrameError { code: code(failure.kind).into(), message: failure.message };
+                    (FrameResult::Error(error), None)
                 }
             };
-            respond(&responses, frame.frame_id, result).await;
+            respond(&responses, frame_id, result, tracking).await;
         });
     }
 }
 
-async fn respond(responses: &Responses, frame_id: u64, result: FrameResult) {
+async fn respond(responses: &Responses, frame_id: u64, result: FrameResult, tracking: Option<Tracking>) {
     // A client that has left meanwhile is no fault.
-    let _ = responses.send(Ok(EstimateStreamResponse { frame_id, result: Some(result) })).await;
+    let _ = responses.send(Ok(EstimateStreamResponse { frame_id, result: Some(result), tracking })).await;
 }

@@ -100,7 +100,7 @@ async fn one(
     let (asked, raw) = request?.translate()?;
     let options = service.options(asked)?;
     let image = image(bytes, raw)?;
-    let work = PoseWork { image, body, options: &options, keep_image: false, deadline };
+    let work = PoseWork { image, body, options: &options, guide: None, keep_image: false, deadline };
     let answer = service.estimate_in_turn(work).await?;
     Ok(report(service, &answer, &options))
 }

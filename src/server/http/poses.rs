@@ -79,7 +79,7 @@ pub(super) async fn poses(
             return Err(Failure::invalid("set the options of a form in its part 'request', not in the query"));
         }
     };
-    let work = PoseWork { image, body, options: &options, keep_image: picture.is_some(), deadline };
+    let work = PoseWork { image, body, options: &options, guide: None, keep_image: picture.is_some(), deadline };
     let answer = service.estimate(work).await?;
     match picture {
         Some(format) => picture::draw(answer, format).await,

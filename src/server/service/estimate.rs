@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::failure::Failure;
 use super::options::Options;
 use super::state::Service;
-use crate::estimator::{Abandoned, Answer, BodyLease, QueueError, Refusal, Work};
+use crate::estimator::{Abandoned, Answer, BodyLease, Guide, QueueError, Refusal, Work};
 use crate::vision::Image;
 
 /// One image to be looked at.
@@ -15,6 +15,8 @@ pub(crate) struct PoseWork<'a> {
     /// The room that its bytes take.
     pub body: Arc<BodyLease>,
     pub options: &'a Options,
+    /// What earlier images of its stream say.
+    pub guide: Option<&'a Guide>,
     /// For a picture of the answer.
     pub keep_image: bool,
     pub deadline: Instant,
@@ -57,10 +59,11 @@ impl Service {
 
     /// Poses from one image.
     pub(crate) async fn estimate(&self, work: PoseWork<'_>) -> Result<Answer, Failure> {
-        let PoseWork { image, body, options, keep_image, deadline } = work;
+        let PoseWork { image, body, options, guide, keep_image, deadline } = work;
         let Options { camera, selection, .. } = options;
         let (camera, selection) = (camera.clone(), selection.clone());
-        let work = Work { image, body: Some(body), camera, selection, keep_image, deadline };
+        let guide = guide.cloned();
+        let work = Work { image, body: Some(body), camera, selection, guide, keep_image, deadline };
         let answer = self.queue.estimate(work).await?;
         self.metrics.answer(&answer);
         Ok(answer)

@@ -14,6 +14,7 @@ mod recalibrate;
 mod recent;
 mod state;
 mod status;
+mod track;
 mod views;
 mod watch;
 
@@ -28,4 +29,5 @@ pub(crate) use recalibrate::{KnownView, Recalibration};
 pub(crate) use recent::Latency;
 pub(crate) use state::{Answered, LoadFailure, Service};
 pub(crate) use status::StatusSnapshot;
+pub(crate) use track::{TrackedStream, Tracking};
 pub(crate) use views::{ViewCamera, ViewCameras, ViewsAnswer, ViewsRequest, ViewsWork};

@@ -135,7 +135,7 @@ impl Service {
             let (service, body) = (Arc::clone(self), Arc::clone(&body));
             // Dropped with the set: with a caller that leaves, and with the first image that fails.
             tasks.spawn(async move {
-                let work = PoseWork { image, body, options: &options, keep_image: keep_images, deadline };
+                let work = PoseWork { image, body, options: &options, guide: None, keep_image: keep_images, deadline };
                 let answer = service.estimate_in_turn(work).await.map_err(|failure| failure.of_view(view))?;
                 Ok::<_, Failure>((view, shrunk(answer).await?))
             });

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .dataset import render_dataset
+from .dataset import FILMS, render_dataset
 from .objects import choose_objects, load_objects
 
 
@@ -19,6 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--copies", type=int, default=1, help="of each object in every scene")
     parser.add_argument(
         "--camouflage", type=float, default=0.0, help="share of things around the objects in a colour of one of them"
+    )
+    parser.add_argument(
+        "--film",
+        choices=FILMS,
+        help="the views are those of a camera that goes past, thirty a second; moving: the first object moves",
     )
 
 
@@ -36,6 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.views,
         arguments.first,
         arguments.camouflage,
+        arguments.film,
     )
 
 

@@ -69,9 +69,13 @@ class Cycles:
             self.add(plane("wall", 4, world_from_wall(wall), self.random_material()))
         for clutter in layout.clutter:
             self.add(new_clutter(clutter, self.random_material()))
-        for thing, pose in zip(self.objects, layout.world_from_object):
-            thing.matrix_world = Matrix(pose.tolist())
+        self.place(layout.world_from_object)
+        for thing in self.objects:
             vary_finish(thing, rng)
+
+    def place(self, world_from_object: list[np.ndarray]) -> None:
+        for thing, pose in zip(self.objects, world_from_object):
+            thing.matrix_world = Matrix(pose.tolist())
 
     def random_material(self) -> bpy.types.Material:
         return random_material(self.rng, self.camouflage.colour(self.rng))

@@ -1,6 +1,6 @@
 """What stands where in a scene, and where the cameras are. World frame: metres, z up, table top at z = 0."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,6 +60,11 @@ class Layout:
     lights: list[Light]
     clutter: list[Clutter]
     cameras: list[Camera]
+    first_moves: list[np.ndarray] = field(default_factory=list)  # [4, 4] of the first object, for each camera
+
+    def poses(self, view: int) -> list[np.ndarray]:
+        """`world_from_object` of all objects while a camera looks."""
+        return [self.first_moves[view], *self.world_from_object[1:]] if self.first_moves else self.world_from_object
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,10 @@ class Rasteriser:
         self.options = mujoco.MjvOption()
         self.geom_group = np.append(self.model.geom_group, -1)  # index -1 is the sky
 
+    def place(self, world_from_object: list[np.ndarray]) -> None:
+        for index, pose in enumerate(world_from_object):
+            self.data.mocap_pos[index], self.data.mocap_quat[index] = pose[:3, 3], quaternion(pose[:3, :3])
+
     def colour(self, camera: Camera) -> np.ndarray:
         return self.render(camera, range(len(self.objects) + 1))
 
@@ -166,6 +170,8 @@ class Scene:
         rng = self.rng
         finish = {"specular": rng.uniform(0, 1), "shininess": rng.uniform(0.05, 1)}
         brightness = rng.uniform(0.55, 1.2)
+        # A body that may be put elsewhere without building the scene anew.
+        body = self.world.add_body(mocap=True, pos=world_from_object[:3, 3], quat=quaternion(world_from_object[:3, :3]))
         for number, part in enumerate(item.parts):  # MuJoCo has one colour a geometry
             name = f"object{group}_{number}"
             tint = np.clip(part.colour * brightness * rng.uniform(0.92, 1.08, 3) + rng.uniform(0, 0.06), 0, 1)
@@ -179,12 +185,10 @@ class Scene:
                 usernormal=normals.reshape(-1),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             )
-            self.world.add_geom(
+            body.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_MESH,
                 meshname=name,
                 material=name,
-                pos=world_from_object[:3, 3],
-                quat=quaternion(world_from_object[:3, :3]),
                 group=group,
                 contype=0,
                 conaffinity=0,

@@ -16,7 +16,7 @@ const MAX_DRAWS: usize = 100;
 pub(super) fn flip(estimate: &mut Estimate, class: usize, model: &ObjectModel, random: &mut Rng) -> bool {
     let first = estimate.poses.iter().filter(|found| found.detection.object == class).find_map(|found| {
         let solved = found.pose.as_ref()?;
-        Some((solved.camera_from_object, solved.evidence.modes.first()?.camera_from_points))
+        Some((solved.camera_from_object, solved.observed.modes.first()?.camera_from_points))
     });
     let Some((camera_from_object, camera_from_keypoints)) = first else { return false };
     let keypoints_from_object = camera_from_keypoints.inverse() * camera_from_object;
@@ -35,16 +35,16 @@ pub(super) fn flip(estimate: &mut Estimate, class: usize, model: &ObjectModel, r
     let mut flipped = false;
     for found in estimate.poses.iter_mut().filter(|found| found.detection.object == class) {
         let Some(solved) = &mut found.pose else { continue };
-        let SolvedPose { evidence, camera_from_object, keypoints_scale, .. } = solved;
-        let Some(first) = evidence.modes.first().map(|mode| mode.camera_from_points) else { continue };
-        for (point, pixel) in model.manifest.keypoints_scaled_by(*keypoints_scale).iter().zip(&mut evidence.pixels) {
+        let SolvedPose { observed, camera_from_object, keypoints_scale, .. } = solved;
+        let Some(first) = observed.modes.first().map(|mode| mode.camera_from_points) else { continue };
+        for (point, pixel) in model.manifest.keypoints_scaled_by(*keypoints_scale).iter().zip(&mut observed.pixels) {
             let from = camera.project(&first.transform(point));
             let to = camera.project(&(first * flip).transform(point));
             if let (Ok(from), Ok(to)) = (from, to) {
                 *pixel += to - from;
             }
         }
-        for mode in &mut evidence.modes {
+        for mode in &mut observed.modes {
             mode.camera_from_points = mode.camera_from_points * flip;
         }
         let object_from_keypoints = camera_from_object.inverse() * first;
