@@ -131,9 +131,7 @@ export class Picker {
     this.sheet.begin(this.picture);
     this.paintOver(this.sheet);
     const centre = this.cursor ?? this.points[this.selected];
-    this.lens.classList.toggle('idle', !centre);
-    if (!centre) return;
-    this.drawLens(centre, this.picture);
+    this.drawLens(centre ?? null, this.picture);
   }
 
   /** @param {Sheet} sheet */
@@ -148,12 +146,14 @@ export class Picker {
     if (this.cursor && sheet === this.sheet && document.activeElement === this.canvas) sheet.dot(this.cursor, 4, '#ffd43b', false);
   }
 
-  /** @param {Vec2} centre @param {Picture} picture */
+  /** @param {Vec2 | null} centre @param {Picture} picture */
   drawLens(centre, { bitmap, width }) {
     const sheet = this.lensSheet;
     sheet.px = window.devicePixelRatio || 1;
     const side = Math.max(1, Math.round(this.lens.clientWidth * sheet.px));
     Object.assign(this.lens, { width: side, height: side });
+    sheet.scale = sheet.px;
+    if (!centre) return sheet.text([8, 20], 'Magnifier');
     sheet.scale = MAGNIFY * sheet.px;
     const { context } = sheet;
     const shown = side / sheet.scale;

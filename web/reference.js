@@ -19,7 +19,6 @@ import { RelativePose } from './relative-pose.js';
 const MIN_POINTS = 4;
 const MAX_POINTS = 16;
 const SIDES = /** @type {const} */ (['first', 'second']);
-/** More is shown than the screen has, for the magnifier. */
 const ROLES = /** @type {const} */ ([['origin', 'origin'], ['on_x', 'on the +x axis'], ['in_xy', 'in the xy plane, towards +y']]);
 /** A click this far from its epipolar line is no slip of the hand. */
 const FAR_PX = 10;
@@ -59,7 +58,7 @@ export function referenceView() {
     onDrop(area, (file) => take(file, file.name));
   }
 
-  const boxText = h('input', { type: 'text', autocomplete: 'off', placeholder: 'x, y, width, height', input: () => update() });
+  const boxText = h('input', { type: 'text', autocomplete: 'off', class: 'wide', placeholder: 'x, y, width, height', input: () => update() });
   const drawBox = h('button', { type: 'button', click: () => ((pickers.first.drawsBox = true), (drawBox.textContent = 'Drag over the first image')) }, 'Draw it');
   const sigma = h('input', { type: 'text', inputmode: 'decimal', value: '1', input: () => update() });
   byId('reference-extras', HTMLElement).append(
@@ -73,7 +72,7 @@ export function referenceView() {
   /** @param {Side} side @param {Blob} blob @param {string} name */
   async function show(side, blob, name) {
     try {
-      const shown = await picture(blob, name, false);
+      const shown = await picture(blob, name);
       pickers[side].show(shown);
       cameras[side].belongsTo(shown);
       clicks = clicks.map((click) => ({ ...click, [side]: null }));
@@ -261,9 +260,10 @@ export function referenceView() {
   byId('reference-new', HTMLButtonElement).addEventListener('click', () => ((selected = -1), update()));
   byId('reference-demo', HTMLButtonElement).addEventListener('click', async () => {
     const of = async (/** @type {string} */ name) => (await fetch(`/page/samples/pair/${name}`)).blob();
-    const { camera, second_from_first } = JSON.parse(await (await of('pair.json')).text());
+    const { camera, second_from_first, box_px } = JSON.parse(await (await of('pair.json')).text());
     await Promise.all(SIDES.map(async (side) => show(side, await of(`${side}.jpg`), `${side}.jpg`)));
     for (const side of SIDES) cameras[side].set(camera);
+    boxText.value = (box_px[object.value] ?? []).join(', ');
     relative.setRig(second_from_first);
   });
 

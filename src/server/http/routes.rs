@@ -13,6 +13,7 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::failure::not_allowed;
 use super::{batch, info, observe, page, poses, reference, upload};
 use crate::server::front_end::{Context, FrontEnd, Protocol};
 use crate::server::service::{Failure, FailureKind, Service};
@@ -27,9 +28,6 @@ pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
 
 fn router(context: &Context) -> Router {
     let service = Arc::clone(&context.service);
-    let not_allowed = || async {
-        Failure::new(FailureKind::MethodNotAllowed, "this path does not support the method; see /openapi.json")
-    };
     let (router, _) = described().split_for_parts();
     router
         .route("/openapi.json", get(|| async { ([(header::CONTENT_TYPE, "application/json")], openapi()) }))

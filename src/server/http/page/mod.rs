@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 
+use super::failure::not_allowed;
 use crate::server::service::{Failure, FailureKind};
 use files::{File, INDEX, file, tag};
 
@@ -30,6 +31,7 @@ pub(super) fn router<S: Clone + Send + Sync + 'static>() -> Router<S> {
     Router::new()
         .route("/", get(|headers: HeaderMap| async move { answer(&INDEX, &headers) }))
         .route("/page/{*name}", get(named))
+        .method_not_allowed_fallback(not_allowed)
 }
 
 async fn named(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Failure> {
