@@ -57,8 +57,9 @@ export class CameraField {
     this.pick('guess');
   }
 
-  /** Asks the server for its cameras; the first is chosen. */
+  /** Asks the server for its cameras; the first is chosen. Once: what was chosen later stays. */
   async load() {
+    if (Object.keys(this.registered).length > 0) return;
     try {
       this.registered = await cameras();
     } catch (error) {
@@ -66,9 +67,10 @@ export class CameraField {
       return;
     }
     const ids = Object.keys(this.registered);
-    this.select.replaceChildren(...ids.map((id) => h('option', {}, id)));
     this.kinds[0].radio.disabled = ids.length === 0;
-    this.pick(ids.length > 0 ? 'registered' : 'guess');
+    if (ids.length === 0) return;
+    this.select.replaceChildren(...ids.map((id) => h('option', {}, id)));
+    this.pick('registered');
     this.change();
   }
 

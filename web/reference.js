@@ -193,15 +193,15 @@ export function referenceView() {
   function showReadiness(missing, placed, frame) {
     const complete = placed.filter((point) => point && typeof point !== 'string').length;
     const box = readBox();
-    const first = cameras.first.get();
-    const guess = typeof first !== 'string' && first.isGuess;
+    const guess = SIDES.map((side) => cameras[side].get()).some((chosen) => typeof chosen !== 'string' && chosen.isGuess);
     const words = !pickers.first.picture || !pickers.second.picture ? 'Choose both images.'
       : missing ?? (complete < clicks.length ? 'Each point needs its click in both images, and rays that meet.'
         : complete < MIN_POINTS ? `${complete} of at least ${MIN_POINTS} points are complete.`
           : !frame ? 'The origin, the point on +x and the point in the xy plane must be three points that are not on one line.'
-            : typeof box === 'string' ? box : guess ? 'The camera is a guess. A reference needs a calibrated camera, or every later pose is wrong.' : '');
-    const usable = words === '' || guess;
-    byId('reference-ready', HTMLElement).textContent = words;
+            : typeof box === 'string' ? box : '');
+    const usable = words === '';
+    byId('reference-ready', HTMLElement).textContent =
+      usable && guess ? 'A camera is a guess. A reference needs calibrated cameras, or every later pose is wrong.' : words;
     save.disabled = !usable || !mayWrite;
     download.disabled = !usable;
   }

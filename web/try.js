@@ -11,6 +11,8 @@ import { live } from './live.js';
 /** @typedef {import('./images.js').Picture} Picture */
 /** @typedef {import('./types').components['schemas']} Schemas */
 
+const TYPING_MS = 250;
+
 export function tryView() {
   const view = byId('try', HTMLElement);
   const answer = new AnswerView(byId('try-answer', HTMLElement));
@@ -21,10 +23,11 @@ export function tryView() {
   let stop = null;
   /** @type {{blob: Blob, name: string, picture: Picture | null} | null} */
   let current = null;
-  let asked = 0;
+  let pending = new AbortController();
+  let typing = 0;
 
-  const camera = new CameraField('Camera', () => void (stop === null && current && ask()));
-  const resized = h('input', { type: 'checkbox', change: () => void (stop === null && current && ask()) });
+  const camera = new CameraField('Camera', askSoon);
+  const resized = h('input', { type: 'checkbox', change: askSoon });
   byId('try-camera', HTMLElement).append(camera.element, h('label', { class: 'choice' }, resized, ' The image is the full frame of the camera, resized'));
 
   /** @param {string} words */
@@ -40,31 +43,43 @@ export function tryView() {
     answer.showImage(shown);
     camera.belongsTo(shown);
     if (known) camera.set(known);
-    else await ask();
+    await ask();
+  }
+
+  /** After the last key of several. */
+  function askSoon() {
+    clearTimeout(typing);
+    typing = setTimeout(ask, TYPING_MS);
   }
 
   async function ask() {
-    if (!current) return;
+    clearTimeout(typing);
+    if (!current || stop) return;
     const chosen = camera.get();
     if (typeof chosen === 'string') return tell(chosen);
-    const turn = ++asked;
+    // The server does not work for callers that have left.
+    pending.abort();
+    pending = new AbortController();
+    const { signal } = pending;
     const start = performance.now();
     view.setAttribute('aria-busy', 'true');
     try {
-      const report = await poses(current.blob, chosen.choice, resized.checked);
-      if (turn !== asked) return;
+      const report = await poses(current.blob, chosen.choice, resized.checked, signal);
+      if (signal.aborted) return;
       tell('');
       await answer.show(report, current.picture, chosen, performance.now() - start, resized.checked);
     } catch (error) {
-      if (turn !== asked) return;
+      if (signal.aborted) return;
       answer.showImage(current.picture);
       tell(inWords(error));
     } finally {
-      view.removeAttribute('aria-busy');
+      if (!signal.aborted) view.removeAttribute('aria-busy');
     }
   }
 
   function end() {
+    pending.abort();
+    view.removeAttribute('aria-busy');
     stop?.();
     stop = null;
     device.stop();
@@ -98,8 +113,13 @@ export function tryView() {
     liveButton.textContent = 'Stop';
     liveButton.setAttribute('aria-pressed', 'true');
     current = null;
-    stop = live(oneFrame, ({ report, frame, chosen }, { perSecond, latencyMs }) => {
-      void answer.show(report, frame, chosen, latencyMs, resized.checked);
+    /** @type {Picture | null} */
+    let before = null;
+    stop = live(oneFrame, async ({ report, frame, chosen }, { perSecond, latencyMs }) => {
+      await answer.show(report, frame, chosen, latencyMs, resized.checked);
+      // Frames are large, and the browser collects them late.
+      before?.bitmap.close();
+      before = frame;
       figures.textContent = `Live: ${perSecond.toFixed(1)} images/s, ${latencyMs.toFixed(0)} ms from frame to answer.`;
     }, (words) => {
       tell(words);

@@ -7,14 +7,15 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
+use thirtyfour::LoggingPrefsLogLevel;
 use thirtyfour::prelude::*;
-use thirtyfour::{ChromiumLikeCapabilities as _, LoggingPrefsLogLevel};
 
 use crate::support::{KnownObject, root};
 
 /// Debug builds on a busy machine answer an image in seconds.
 const PATIENCE: Duration = Duration::from_mins(1);
-const MISSING: &str = "the tests of the page need Debian's chromium and chromium-driver: run scripts/install-chromium.sh";
+const MISSING: &str =
+    "the tests of the page need Debian's chromium and chromium-driver: run scripts/install-chromium.sh";
 
 pub(crate) struct Browser {
     pub(crate) driver: WebDriver,
@@ -81,7 +82,11 @@ impl Browser {
 
     /// The visible text of an element.
     pub(crate) async fn text(&self, css: &str) -> String {
-        self.run("return document.querySelector(arguments[0]).innerText;", css.into()).await.as_str().unwrap().to_owned()
+        self.run("return document.querySelector(arguments[0]).innerText;", css.into())
+            .await
+            .as_str()
+            .unwrap()
+            .to_owned()
     }
 
     /// Waits until an element's text has some words.
@@ -129,7 +134,10 @@ impl Browser {
     /// What the browser complained of.
     pub(crate) async fn complaints(&self) -> Vec<String> {
         let log = self.driver.browser_log().await.unwrap();
-        log.into_iter().filter(|entry| entry.level != "INFO" && entry.level != "DEBUG").map(|entry| entry.message).collect()
+        log.into_iter()
+            .filter(|entry| entry.level != "INFO" && entry.level != "DEBUG")
+            .map(|entry| entry.message)
+            .collect()
     }
 
     /// The width of the window and whether the system is dark.

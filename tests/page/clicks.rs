@@ -14,7 +14,14 @@ use crate::support::{Server, copy_of, read, root, run};
 const HALF_M: f64 = 0.0271;
 /// The cube in the first image of `samples/pair`: as it was rendered.
 const ROTATION: [f64; 9] = [
-    0.022_642_479, -0.105_858_966, 0.994_123_331, 0.274_051_392, -0.955_631_410, -0.108_002_048, 0.961_448_466, 0.274_886_316,
+    0.022_642_479,
+    -0.105_858_966,
+    0.994_123_331,
+    0.274_051_392,
+    -0.955_631_410,
+    -0.108_002_048,
+    0.961_448_466,
+    0.274_886_316,
     0.007_372_933,
 ];
 const TRANSLATION_M: [f64; 3] = [-0.063_117_155, 0.023_627_058, 0.457_077_443];
@@ -61,7 +68,8 @@ impl Scene {
 /// Clicks a pixel in one of the images, then in its magnifier until the table says that it is there.
 async fn click_pixel(browser: &Browser, side: &str, row: usize, pixel: Vector2<f64>) {
     let canvas = format!("#reference-{side} canvas.pick");
-    let by = browser.run("return document.querySelector(arguments[0]).clientWidth / 640;", canvas.as_str().into()).await;
+    let by =
+        browser.run("return document.querySelector(arguments[0]).clientWidth / 640;", canvas.as_str().into()).await;
     let by = by.as_f64().unwrap();
     browser.click_at(&canvas, (pixel.x + 0.5) * by, (pixel.y + 0.5) * by).await;
     // Away from the image, so that the magnifier shows the point, and not what is under the pointer.
@@ -72,7 +80,8 @@ async fn click_pixel(browser: &Browser, side: &str, row: usize, pixel: Vector2<f
         let text = browser.until(&script).await.as_str().unwrap().to_owned();
         let at: Vec<f64> = text.split(", ").map(|number| number.parse().unwrap()).collect();
         let off = (pixel - Vector2::new(at[0], at[1])) * 8.0;
-        let half = browser.run("return document.querySelector(arguments[0]).clientWidth / 2;", lens.as_str().into()).await;
+        let half =
+            browser.run("return document.querySelector(arguments[0]).clientWidth / 2;", lens.as_str().into()).await;
         let half = half.as_f64().unwrap();
         browser.click_at(&lens, half + off.x, half + off.y).await;
     }
@@ -100,7 +109,8 @@ async fn clicks_become_the_reference_that_is_true() {
     browser.open(&server.url("/#reference/cube")).await;
     click_corners(&browser, &scene).await;
     // Live: all rays meet.
-    let script = "return [...document.querySelectorAll('#reference-points tr')].map((row) => Number(row.cells[5].innerText));";
+    let script =
+        "return [...document.querySelectorAll('#reference-points tr')].map((row) => Number(row.cells[5].innerText));";
     let rays_mm: Vec<f64> = serde_json::from_value(browser.run(script, Value::Null).await).unwrap();
     assert!(rays_mm.len() == CORNERS.len() && rays_mm.iter().all(|ray_mm| *ray_mm < 0.3), "{rays_mm:?}");
     browser.until("!document.querySelector('#reference-save').disabled").await;
@@ -111,7 +121,8 @@ async fn clicks_become_the_reference_that_is_true() {
     let pose = &stored["references"][0]["camera_from_object"];
     let numbers = |field: &str| pose[field].clone();
     let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
-    let stored = Pose::from_quaternion_xyzw(rotation, serde_json::from_value(numbers("translation_m")).unwrap()).unwrap();
+    let stored =
+        Pose::from_quaternion_xyzw(rotation, serde_json::from_value(numbers("translation_m")).unwrap()).unwrap();
     let truth = scene.first_from_frame();
     let error_mm = 1e3 * (stored.translation() - truth.translation()).norm();
     assert!(error_mm < 2.0, "{error_mm} mm");
@@ -131,7 +142,9 @@ async fn clicks_become_a_file_where_recalibration_is_off() {
     browser.open(&server.url("/#reference/cube")).await;
     browser.until_text("#reference-off", "--recalibration").await;
     click_corners(&browser, &scene).await;
-    assert!(browser.run("return document.querySelector('#reference-save').disabled;", Value::Null).await.as_bool().unwrap());
+    assert!(
+        browser.run("return document.querySelector('#reference-save').disabled;", Value::Null).await.as_bool().unwrap()
+    );
     let box_px = "box of the object in the first image, pixels";
     browser.fill(box_px, " ").await;
     browser.press("Download the clicks").await;
@@ -167,9 +180,11 @@ async fn points_are_placed_by_keyboard_and_mistakes_told() {
         ("first", 1, vec![Key::Enter, Key::Right, Key::Right, Key::Down], "320.50, 240.00"),
         ("second", 2, vec![Key::Enter, Key::Left], "319.00, 239.50"),
     ] {
-        browser.run("document.querySelector(arguments[0]).focus();", format!("#reference-{side} canvas.pick").into()).await;
+        browser
+            .run("document.querySelector(arguments[0]).focus();", format!("#reference-{side} canvas.pick").into())
+            .await;
         for key in keys {
-            browser.driver.action_chain().send_keys(key.to_string()).perform().await.unwrap();
+            browser.driver.action_chain().send_keys(key.value().to_string()).perform().await.unwrap();
         }
         browser.until(&format!("{} === '{shown}'", cell(column))).await;
     }
@@ -177,7 +192,10 @@ async fn points_are_placed_by_keyboard_and_mistakes_told() {
     for (text, words) in [
         ("1 2 3", "A matrix has 16 numbers"),
         ("{\"rotation_xyzw\": [0, 0, 0, 2], \"translation_m\": [1, 0, 0]}", "does not have length 1"),
-        ("{\"rotation_xyzw\": [0, 0, 0, 1], \"translation_m\": [-147, -215, 108]}", "Are the translations in millimetres?"),
+        (
+            "{\"rotation_xyzw\": [0, 0, 0, 1], \"translation_m\": [-147, -215, 108]}",
+            "Are the translations in millimetres?",
+        ),
         ("{\"rotation_xyzw\": [0, 0, 0, 1], \"translation_m\": [0, 0, 0]}", "stand in one place"),
     ] {
         browser.fill("second from first", text).await;
@@ -201,7 +219,8 @@ async fn relative_poses_are_read_in_every_form() {
     let truth = second * first.inverse();
     let form = |pose: &Pose| json!({"rotation_xyzw": pose.rotation_xyzw(), "translation_m": pose.translation_m()});
     let matrix = truth.matrix();
-    let rows = json!((0..4).map(|row| (0..4).map(|column| matrix[(row, column)]).collect::<Vec<_>>()).collect::<Vec<_>>());
+    let rows =
+        json!((0..4).map(|row| (0..4).map(|column| matrix[(row, column)]).collect::<Vec<_>>()).collect::<Vec<_>>());
     let script = "const [{readPose}, {stated, compose, inverse}] = await Promise.all([import('/page/relative-pose.js'), import('/page/geometry.js')]); \
                   const [kind, ...texts] = arguments[0]; const poses = texts.map((text) => readPose(text)); \
                   return stated(kind === 'one' ? poses[0] : kind === 'camera' ? compose(poses[1], inverse(poses[0])) : compose(inverse(poses[1]), poses[0]));";

@@ -24,7 +24,8 @@ async fn the_page_has_strict_headers_and_is_sent_once() {
         assert!(policy.contains("default-src 'none'") && !policy.contains("unsafe"), "{policy}");
         assert_eq!((header("x-content-type-options"), header("cache-control")), ("nosniff".into(), "no-cache".into()));
         let tag = header("etag");
-        let again = client.get(server.url(path)).header("if-none-match", format!("\"old\", {tag}")).send().await.unwrap();
+        let again =
+            client.get(server.url(path)).header("if-none-match", format!("\"old\", {tag}")).send().await.unwrap();
         assert_eq!(again.status(), StatusCode::NOT_MODIFIED);
         assert_eq!(again.bytes().await.unwrap().len(), 0);
     }

@@ -37,7 +37,8 @@ async fn the_page_projects_as_the_core_does() {
                 assert_eq!(found, &Value::Null, "{camera:?} {point:?}");
                 continue;
             };
-            let numbers = |field: &str| Vector2::from(serde_json::from_value::<[f64; 2]>(found[field].clone()).unwrap());
+            let numbers =
+                |field: &str| Vector2::from(serde_json::from_value::<[f64; 2]>(found[field].clone()).unwrap());
             assert!((numbers("pixel") - pixel).norm() < 1e-6, "{camera:?} {point:?} {found}");
             let ray = Vector2::new(point[0] / point[2], point[1] / point[2]);
             assert!((numbers("ray") - ray).norm() < 1e-6, "{camera:?} {point:?} {found}");

@@ -44,7 +44,8 @@ async fn pictures_of_every_view() {
         }
         for (name, width, dark) in [("light", 1200, false), ("dark", 1200, true), ("phone", 375, false)] {
             browser.look_like(width, 900, dark).await;
-            let height = browser.run("scrollTo(0, 0); return document.documentElement.scrollHeight;", Value::Null).await;
+            let height =
+                browser.run("scrollTo(0, 0); return document.documentElement.scrollHeight;", Value::Null).await;
             browser.look_like(width, u32::try_from(height.as_u64().unwrap()).unwrap(), dark).await;
             tokio::time::sleep(std::time::Duration::from_millis(700)).await;
             let picture = browser.driver.screenshot_as_png().await.unwrap();

@@ -44,11 +44,11 @@ async fn everything_can_be_done_by_keyboard() {
     browser.until("document.querySelectorAll('.thumbnail').length").await;
     let mut presses = 0;
     while browser.run("return document.activeElement.className;", Value::Null).await != "thumbnail" {
-        browser.driver.action_chain().send_keys(Key::Tab.to_string()).perform().await.unwrap();
+        browser.driver.action_chain().send_keys(Key::Tab.value().to_string()).perform().await.unwrap();
         presses += 1;
         assert!(presses < 30, "no way to the samples");
     }
-    browser.driver.action_chain().send_keys(Key::Enter.to_string()).perform().await.unwrap();
+    browser.driver.action_chain().send_keys(Key::Enter.value().to_string()).perform().await.unwrap();
     assert_shown(&browser, &samples()[0]).await;
 }
 
@@ -74,7 +74,10 @@ async fn a_file_is_answered_and_a_wrong_one_explained() {
     let folder = tempfile::tempdir().unwrap();
     let large = folder.path().join("large.jpg");
     let sample = image::open(&samples()[0].file).unwrap();
-    sample.resize_exact(5600, 4200, image::imageops::FilterType::Triangle).save_with_format(&large, ImageFormat::Jpeg).unwrap();
+    sample
+        .resize_exact(5600, 4200, image::imageops::FilterType::Triangle)
+        .save_with_format(&large, ImageFormat::Jpeg)
+        .unwrap();
     browser.choose("Choose an image", &large).await;
     browser.until_text("#try-problem", "allow_resize").await;
     browser.until_text("#try-camera", "calibrated for 640 × 480 pixels, but the image has 5600 × 4200").await;

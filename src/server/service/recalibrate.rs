@@ -30,7 +30,7 @@ pub(crate) struct KnownView {
 pub(crate) enum KnownPose {
     /// `camera_from_object`.
     Stated(Pose),
-    Clicked(ClickedPose),
+    Clicked(Box<ClickedPose>),
 }
 
 /// Points clicked in the reference image and in a second one.
@@ -69,7 +69,8 @@ impl Service {
         let Recalibration { object, views, options, body, deadline } = asked;
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
         self.model(&object)?;
-        let stated = views.iter().enumerate().map(|(index, view)| Ok((format!("image {index}"), self.known_pose(view)?)));
+        let stated =
+            views.iter().enumerate().map(|(index, view)| Ok((format!("image {index}"), self.known_pose(view)?)));
         let stated = stated.collect::<Result<Vec<_>, Failure>>()?;
         no_view_twice(&stated).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;

@@ -18,11 +18,7 @@ pub(crate) struct ReferenceImage {
 
 impl Service {
     /// An image of the reference in force, by its file name. It takes room as a body does.
-    pub(crate) async fn reference_image(
-        &self,
-        object: &str,
-        image: &str,
-    ) -> Result<ReferenceImage, Failure> {
+    pub(crate) async fn reference_image(&self, object: &str, image: &str) -> Result<ReferenceImage, Failure> {
         let gone = || {
             let message = format!("the reference of {object:?} has no image {image:?}; GET /v1/objects lists them");
             Failure::new(FailureKind::NotFound, message)

@@ -149,14 +149,14 @@ impl ClicksForm {
             second_px: Vector2::from(form.second_px),
         };
         let FrameForm { origin, on_x, in_xy } = self.frame;
-        let pose = KnownPose::Clicked(ClickedPose {
+        let clicked = ClickedPose {
             second_camera: self.second_camera,
             second_from_first: Failure::or_pose("second_from_first", self.second_from_first)?,
             clicks: self.clicks.into_iter().map(click).collect(),
             sigma_px: self.sigma_px,
             frame: FrameClicks { origin, on_x, in_xy },
-        });
+        };
         let region = self.box_px.map(checked_box).transpose()?;
-        Ok(KnownView { image, camera: self.first_camera, pose, region })
+        Ok(KnownView { image, camera: self.first_camera, pose: KnownPose::Clicked(Box::new(clicked)), region })
     }
 }

@@ -2,6 +2,8 @@
 
 use std::sync::LazyLock;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use sha2::{Digest as _, Sha256};
 
 pub(super) struct File {
@@ -32,7 +34,7 @@ static SAMPLES: [File; 7] = files!("samples":
 static TAG: LazyLock<String> = LazyLock::new(|| {
     let all = [&INDEX].into_iter().chain(&PAGE).chain(&SAMPLES);
     let sha256 = all.fold(Sha256::new(), |sum, file| sum.chain_update(file.bytes)).finalize();
-    format!("\"{}\"", sha256[..8].iter().map(|byte| format!("{byte:02x}")).collect::<String>())
+    format!("\"{}\"", URL_SAFE_NO_PAD.encode(&sha256[..12]))
 });
 
 /// For `ETag` and `If-None-Match`.
