@@ -30,11 +30,14 @@ impl Browser {
 
     /// With more arguments.
     pub(crate) async fn with(arguments: &[String]) -> Self {
-        let mut chromedriver =
-            Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).spawn().expect(MISSING);
+        let mut chromedriver = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("{error}; {MISSING}"));
         let mut lines = BufReader::new(chromedriver.stdout.take().unwrap()).lines().map_while(Result::ok);
         let started = lines.find_map(|line| line.split_once("successfully on port ").map(|(_, port)| port.to_owned()));
-        let port: u16 = started.expect(MISSING).trim_end_matches('.').parse().unwrap();
+        let port: u16 = started.unwrap_or_else(|| panic!("{MISSING}")).trim_end_matches('.').parse().unwrap();
         // Someone must go on reading, or it would block on a full pipe.
         std::thread::spawn(move || lines.for_each(drop));
         let mut capabilities = DesiredCapabilities::chrome();
@@ -51,7 +54,9 @@ impl Browser {
             capabilities.add_arg(&argument).unwrap();
         }
         capabilities.set_browser_log_level(LoggingPrefsLogLevel::All).unwrap();
-        let driver = WebDriver::new(format!("http://127.0.0.1:{port}"), capabilities).await.expect(MISSING);
+        let driver = WebDriver::new(format!("http://127.0.0.1:{port}"), capabilities)
+            .await
+            .unwrap_or_else(|error| panic!("{error}; {MISSING}"));
         Self { driver, chromedriver, port }
     }
 
