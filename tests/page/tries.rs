@@ -109,7 +109,7 @@ async fn doubtful_cameras_are_told() {
     browser.until_text("#try-camera", "far from the middle").await;
     // The server doubts it, too.
     browser.until_text("#try-answer", "Does the camera belong to this image?").await;
-    browser.fill("fx", "").await;
+    browser.fill("fx", " ").await;
     browser.until_text("#try-camera", "Give numbers for fx").await;
     tokio::time::sleep(Duration::from_millis(300)).await;
     assert_eq!(browser.complaints().await, [""; 0]);
