@@ -30,14 +30,14 @@ const TRANSLATION_M: [f64; 3] = [-0.063_117_155, 0.023_627_058, 0.457_077_443];
 const CORNERS: [[f64; 3]; 5] =
     [[-1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]];
 
-struct Scene {
+pub(crate) struct Scene {
     camera: Camera,
     first_from_cube: Pose,
     second_from_first: Pose,
 }
 
 impl Scene {
-    fn read() -> Self {
+    pub(crate) fn read() -> Self {
         let pair: Value = serde_json::from_slice(&read(&root().join("samples/pair/pair.json"))).unwrap();
         let numbers = |field: &str| pair["second_from_first"][field].clone();
         let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
@@ -87,7 +87,7 @@ async fn click_pixel(browser: &Browser, side: &str, row: usize, pixel: Vector2<f
     }
 }
 
-async fn click_corners(browser: &Browser, scene: &Scene) {
+pub(crate) async fn click_corners(browser: &Browser, scene: &Scene) {
     browser.until("document.querySelector('#reference-object').options.length").await;
     browser.press("Use the sample images").await;
     browser.until("document.querySelectorAll('#reference canvas.pick').length === 2").await;

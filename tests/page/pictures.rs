@@ -5,6 +5,7 @@ use std::fs;
 use serde_json::Value;
 
 use crate::browser::Browser;
+use crate::clicks::{Scene, click_corners};
 use crate::support::Server;
 
 #[tokio::test]
@@ -33,14 +34,7 @@ async fn pictures_of_every_view() {
             browser.click(".thumbnail:last-child").await;
             browser.poses().await;
         } else if view == "reference" {
-            browser.press("Use the sample images").await;
-            browser.until("document.querySelector('#reference textarea').value").await;
-            for (side, x, y) in [("first", 0.4, 0.5), ("second", 0.4, 0.3)] {
-                let canvas = format!("#reference-{side} canvas.pick");
-                let size = browser.run("const {clientWidth: w, clientHeight: h} = document.querySelector(arguments[0]); return [w, h];", canvas.as_str().into()).await;
-                let size: [f64; 2] = serde_json::from_value(size).unwrap();
-                browser.click_at(&canvas, x * size[0], y * size[1]).await;
-            }
+            click_corners(&browser, &Scene::read()).await;
         }
         for (name, width, dark) in [("light", 1200, false), ("dark", 1200, true), ("phone", 375, false)] {
             browser.look_like(width, 900, dark).await;
