@@ -15,6 +15,8 @@ COPY proto proto
 COPY benches benches
 COPY core core
 COPY src src
+COPY web web
+COPY samples samples
 RUN cargo build --release --locked --bin posed
 
 # glibc, libstdc++ and nothing else: no shell, no package manager; runs as uid 65532.

@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -11,20 +11,42 @@ onnxruntime: ## Puts ONNX Runtime into .onnxruntime/.
 build: ## Builds the program.
 	cargo build --release --locked
 
-serve: onnxruntime build ## Serves the bundled models on ports 8080 (HTTP) and 9000 (gRPC).
+serve: onnxruntime build ## Serves the bundled models on ports 8080 (HTTP) and 9000 (gRPC), with more FLAGS if given.
 	@echo
 	@echo "Once it says 'ready', in another terminal:"
 	@echo "  curl --data-binary @samples/$(firstword $(notdir $(wildcard samples/*.jpg))) 'localhost:8080/v1/poses?camera=demo'"
 	@echo
-	target/release/posed serve --cameras samples
+	@echo "or open http://localhost:8080 in a browser."
+	@echo
+	target/release/posed serve --cameras samples $(FLAGS)
 
 # Built once: three minutes on two cores.
 DENY := .tools/bin/cargo-deny
 $(DENY):
 	cargo install --quiet --locked --root .tools --no-default-features --version 0.20.2 cargo-deny
 
-test: onnxruntime ## Runs the unit, property and end-to-end tests.
+# The page's tests drive a real browser, and look at the page with axe-core.
+page-tools:
+	@scripts/install-chromium.sh
+	@scripts/fetch-axe.sh
+
+test: onnxruntime page-tools ## Runs the unit, property and end-to-end tests; the page's in a browser (Debian's Chromium).
 	cargo test --release --locked --workspace
+
+web/node_modules: web/package-lock.json
+	cd web && npm ci --silent --no-audit --no-fund
+	touch $@
+
+page-types: web/node_modules ## Writes web/types.d.ts anew from docs/openapi.json (needs npm).
+	cd web && npm run --silent types
+
+page-check: web/node_modules ## Checks the types of the page, and that web/types.d.ts is that of docs/openapi.json (needs npm).
+	cd web && npx --no openapi-typescript ../docs/openapi.json --output .types.d.ts >/dev/null && diff -q types.d.ts .types.d.ts && rm .types.d.ts
+	cd web && npm run --silent check
+
+PICTURES := /tmp/posed-pages
+page-pictures: onnxruntime page-tools ## Takes pictures of every view into PICTURES, and prints the times of the first paint.
+	POSED_PICTURES=$(PICTURES) cargo test --release --locked --test page -- --ignored --nocapture pictures
 
 lint: $(DENY) ## Formatting, lints, licences and sources of dependencies, as CI runs them.
 	cargo fmt --all --check

@@ -32,4 +32,6 @@ pub(super) struct Context {
     pub readiness: Readiness,
     /// True once no further frame of a stream is read.
     pub stopping: watch::Receiver<bool>,
+    /// Whether people get a page.
+    pub page: bool,
 }

@@ -64,6 +64,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     let delay = Duration::from_millis(config.shutdown_delay_ms);
     let (stop, stopping) = watch::channel(false);
     let readiness = Readiness::default();
+    let page = config.page;
     let access = Access::read(config.tokens.as_deref())?;
     let tls = config.tls_certificate.as_deref().zip(config.tls_key.as_deref());
     let tls = tls.map(|(certificate, key)| Tls::read(certificate, key)).transpose()?;
@@ -90,7 +91,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
     service.tell_bound();
     readiness.set_ready(Arc::clone(&service));
     let draining = Arc::clone(&service);
-    let context = Arc::new(Context { service, readiness: readiness.clone(), stopping: stopping.clone() });
+    let context = Arc::new(Context { service, readiness: readiness.clone(), stopping: stopping.clone(), page });
     let mut servers = JoinSet::new();
     for (front_end, listener) in FRONT_ENDS.iter().zip(listeners) {
         let built = (front_end.router)(Arc::clone(&context)).await;

@@ -36,6 +36,10 @@ pub struct Config {
     /// Address of probes, metrics and the log level. For operators, not for clients: only this machine, unless you change it.
     #[arg(long, env = "POSED_ADMIN", default_value = "127.0.0.1:8081", help_heading = LISTEN)]
     pub admin: SocketAddr,
+    /// Serve the page for people at `/` of the HTTP address.
+    #[arg(long, env = "POSED_PAGE", help_heading = LISTEN)]
+    #[arg(default_value_t = true, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
+    pub page: bool,
     /// Folder with `detector/` and one folder for each object.
     #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
     pub models: PathBuf,

@@ -1,10 +1,12 @@
 //! `PUT /v1/objects/{name}/reference`.
 
+use nalgebra::Vector3;
+use posed_core::geometry::{Camera, Pose};
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, Response, StatusCode};
 use serde_json::{Value, json as value};
 
-use crate::support::{CAMERA, Server, copy_of, error, json, post, read, refuses_to_serve, samples, two_cubes};
+use crate::support::{CAMERA, Server, change, copy_of, error, json, post, read, refuses_to_serve, samples, two_cubes};
 
 async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
     let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image");
@@ -151,4 +153,81 @@ async fn it_is_off_unless_allowed() {
     let response = put(&server, "cube", &[read(&samples()[0].file)], &value!({"references": []})).await;
     assert_eq!(response.status(), StatusCode::FORBIDDEN);
     assert!(error(response).await.1.contains("--recalibration"));
+}
+
+/// Points clicked in two images stand for a known pose, and the image of the reference can be seen.
+#[tokio::test]
+async fn clicks_in_two_images_are_a_reference() {
+    let folder = copy_of("reference");
+    let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let (before, image) = (cube(&server).await, read(&samples()[0].file));
+    // What a second camera, 30 cm to the side, sees of corners of the object's frame.
+    let pose = stated(&before);
+    let numbers = |field: &str| pose[field].clone();
+    let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
+    let pose = Pose::from_quaternion_xyzw(rotation, serde_json::from_value(numbers("translation_m")).unwrap()).unwrap();
+    let second_from_first = Pose::from_quaternion_xyzw([0.0, 0.0, 0.0, 1.0], [0.3, 0.0, 0.0]).unwrap();
+    let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap();
+    let click = |point: [f64; 3]| {
+        let in_first = pose.transform(&Vector3::from(point));
+        let pixel = |point| camera.project(&point).map(|pixel| [pixel.x, pixel.y]).unwrap();
+        value!({"first_px": pixel(in_first), "second_px": pixel(second_from_first.transform(&in_first))})
+    };
+    let points = [[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03], [0.03, 0.03, 0.01]];
+    let clicks = value!({
+        "first_camera": "demo", "second_camera": camera, "clicks": points.map(click),
+        "second_from_first": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [0.3, 0, 0]},
+        "frame": {"origin": 0, "on_x": 1, "in_xy": 2},
+    });
+    let changed = |change: &dyn Fn(&mut Value)| {
+        let mut clicks = clicks.clone();
+        change(&mut clicks);
+        value!({"clicks": clicks})
+    };
+    let unmeasurable = StatusCode::UNPROCESSABLE_ENTITY;
+    for (images, request, status, words) in [
+        (2, changed(&|_| ()), StatusCode::BAD_REQUEST, "send the first image alone"),
+        (1, value!({}), StatusCode::BAD_REQUEST, "either 'references'"),
+        (1, changed(&|all| all["clicks"] = value!([])), StatusCode::BAD_REQUEST, "0 clicked points"),
+        (1, changed(&|all| all["frame"]["origin"] = 9.into()), StatusCode::BAD_REQUEST, "refers to click 9"),
+        (1, changed(&|all| all["frame"]["in_xy"] = 1.into()), unmeasurable, "of one line"),
+        (1, changed(&|all| all["second_camera"] = "left".into()), StatusCode::NOT_FOUND, "left"),
+        (1, changed(&|all| all["clicks"][0]["second_px"][1] = 0.into()), unmeasurable, "rays miss each other"),
+    ] {
+        let response = put(&server, "cube", &vec![image.clone(); images], &request).await;
+        let found = response.status();
+        let (_, message) = error(response).await;
+        assert!(found == status && message.contains(words), "{request}: {found} {message}");
+    }
+    let response = put(&server, "cube", std::slice::from_ref(&image), &value!({"clicks": clicks})).await;
+    assert_eq!(response.status(), StatusCode::OK);
+    let view = json(response).await["views"][0].clone();
+    let made: Vec<f64> = serde_json::from_value(view["camera_from_object"]["translation_m"].clone()).unwrap();
+    assert!((Vector3::from_iterator(made) - pose.translation()).norm() < 1e-6);
+    // The frame is the one that it had.
+    let [old, new] = [before, cube(&server).await]
+        .map(|pose| Vector3::from(serde_json::from_value::<[f64; 3]>(stated(&pose)["translation_m"].clone()).unwrap()));
+    assert!((old - new).norm() < 1e-3);
+
+    let get = |name: &str| reqwest::get(server.url(&format!("/v1/objects/cube/reference/{name}")));
+    let shown = get(view["image"].as_str().unwrap()).await.unwrap();
+    assert_eq!((shown.status(), &shown.headers()["content-type"]), (StatusCode::OK, &"image/jpeg".parse().unwrap()));
+    assert_eq!(shown.bytes().await.unwrap(), image);
+    for name in ["cube.json", "motor.jpg", "..%2fCargo.toml", "nothing.jpg"] {
+        assert_eq!(get(name).await.unwrap().status(), StatusCode::NOT_FOUND, "{name}");
+    }
+}
+
+/// A reference file that names a file elsewhere gives nothing away.
+#[tokio::test]
+async fn a_reference_leads_nowhere_else() {
+    let folder = copy_of("reference");
+    let elsewhere = samples()[0].file.to_str().unwrap().to_owned();
+    for name in [elsewhere.as_str(), "../cube.jpg"] {
+        change(&folder.path().join("cube.json"), |file| file["references"][0]["image"] = name.into());
+        let server = Server::start(&["--reference", folder.path().to_str().unwrap()]);
+        let name: String = name.replace('/', "%2f");
+        let response = reqwest::get(server.url(&format!("/v1/objects/cube/reference/{name}"))).await.unwrap();
+        assert_eq!(response.status(), StatusCode::NOT_FOUND);
+    }
 }

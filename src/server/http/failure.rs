@@ -25,6 +25,11 @@ pub(super) fn status(kind: FailureKind) -> StatusCode {
     }
 }
 
+/// The answer to a method that a path does not have.
+pub(super) async fn not_allowed() -> Failure {
+    Failure::new(FailureKind::MethodNotAllowed, "this path does not support the method; see /openapi.json")
+}
+
 impl IntoResponse for Failure {
     fn into_response(self) -> Response {
         let mut response = (status(self.kind), Json(ErrorBody::from(&self))).into_response();

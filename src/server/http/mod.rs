@@ -5,6 +5,7 @@ mod failure;
 mod form;
 mod info;
 mod observe;
+mod page;
 mod path;
 mod picture;
 mod poses;

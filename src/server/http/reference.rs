@@ -1,16 +1,21 @@
-//! `PUT /v1/objects/{name}/reference`.
+//! References: a new one, and the images of the one in force.
 
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::body::Body;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, Request, State};
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
 
 use super::form::{self, Form, ImageLimit};
 use super::path::ObjectName;
 use super::upload::Admitted;
 use crate::estimator::CalibrateOptions;
 use crate::server::api::json::{ErrorBody, ReferenceReport, ReferenceRequest};
-use crate::server::service::{Failure, Recalibration, Service};
+use crate::server::body::Held;
+use crate::server::service::{Failure, Recalibration, ReferenceImage, Service};
 
 /// Measures the reference of an object and replaces it.
 ///
@@ -22,7 +27,8 @@ use crate::server::service::{Failure, Recalibration, Service};
     params(("name" = String, Path)),
     request_body(
         description = "A form with one part `image` for each reference image and one part `request` (a \
-                       `ReferenceRequest`)",
+                       `ReferenceRequest`). With `clicks`, the first of the two images is the reference image, and the \
+                       only part `image`",
         content((ReferenceRequest = "multipart/form-data"))
     ),
     responses(
@@ -58,4 +64,27 @@ pub(super) async fn replace(
     let views = request.views(images)?;
     let reference = service.recalibrate(Recalibration { object, views, options, body, deadline }).await?;
     Ok(Json((&*reference).into()))
+}
+
+/// Returns an image that the reference in force was measured on.
+#[utoipa::path(
+    get,
+    path = "/v1/objects/{name}/reference/{image}",
+    tag = "calibration",
+    params(("name" = String, Path), ("image" = String, Path, description = "`image` of a view of the reference")),
+    responses(
+        (status = 200, description = "The file as it is", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/webp"))),
+        (status = 401, description = "The server needs a token, and there is none, or an unknown one", body = ErrorBody),
+        (status = 404, description = "The object is unknown, or its reference has no such image", body = ErrorBody),
+        (status = 429, description = "The server is out of room; retry after `Retry-After`", body = ErrorBody),
+    )
+)]
+pub(super) async fn image(
+    State(service): State<Arc<Service>>,
+    names: Result<Path<(String, String)>, PathRejection>,
+) -> Result<Response, Failure> {
+    let Path((object, image)) = names.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
+    let ReferenceImage { bytes, content_type, room } = service.reference_image(&object, &image).await?;
+    let held = Held::body(Body::from(bytes), room);
+    Ok(([(header::CONTENT_TYPE, content_type), (header::X_CONTENT_TYPE_OPTIONS, "nosniff")], held).into_response())
 }

@@ -13,7 +13,8 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::{batch, info, observe, poses, reference, upload, views};
+use super::failure::not_allowed;
+use super::{batch, info, observe, page, poses, reference, upload, views};
 use crate::server::front_end::{Context, FrontEnd, Protocol};
 use crate::server::service::{Failure, FailureKind, Service};
 
@@ -27,18 +28,17 @@ pub(in crate::server) const FRONT_END: FrontEnd = FrontEnd {
 
 fn router(context: &Context) -> Router {
     let service = Arc::clone(&context.service);
-    let not_allowed = || async {
-        Failure::new(FailureKind::MethodNotAllowed, "this path does not support the method; see /openapi.json")
-    };
     let (router, _) = described().split_for_parts();
     router
         .route("/openapi.json", get(|| async { ([(header::CONTENT_TYPE, "application/json")], openapi()) }))
         .fallback(|| async { Failure::new(FailureKind::NotFound, "this path does not exist; see /openapi.json") })
         .method_not_allowed_fallback(not_allowed)
-        .layer(CatchPanicLayer::custom(panicked))
         // Ours is counted in `upload`.
         .layer(DefaultBodyLimit::disable())
         .layer(middleware::from_fn_with_state(Arc::clone(&service), upload::admit))
+        // A browser that opens the page has no token yet, and the page no secrets.
+        .merge(if context.page { page::router() } else { Router::new() })
+        .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::from_fn_with_state(Arc::clone(&service), observe::observe))
         .with_state(service)
 }
@@ -51,6 +51,7 @@ fn described() -> OpenApiRouter<Arc<Service>> {
         .routes(routes!(info::objects))
         .routes(routes!(info::object))
         .routes(routes!(reference::replace))
+        .routes(routes!(reference::image))
         .routes(routes!(info::cameras))
         .routes(routes!(info::limits))
         .routes(routes!(info::status))

@@ -52,7 +52,7 @@ impl Service {
         place.and_then(|()| body.grow_by(bytes)).map_err(|refusal| self.refused(refusal))
     }
 
-    fn refused(&self, refusal: Refusal) -> Failure {
+    pub(super) fn refused(&self, refusal: Refusal) -> Failure {
         self.queue.stats().refuse();
         refusal.into()
     }

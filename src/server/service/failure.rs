@@ -3,6 +3,7 @@
 use super::cameras::Cameras;
 use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError, Refusal};
 use crate::vision::DecodeError;
+use posed_core::calibration::ClickError;
 use posed_core::geometry::CameraError;
 
 /// More than any sentence of ours has.
@@ -177,5 +178,19 @@ fn of_estimate(error: &EstimateError) -> FailureKind {
 impl From<CalibrateError> for Failure {
     fn from(error: CalibrateError) -> Self {
         Self::new(FailureKind::Unmeasurable, error.to_string())
+    }
+}
+
+impl From<ClickError> for Failure {
+    fn from(error: ClickError) -> Self {
+        let kind = match error {
+            ClickError::Count(_) | ClickError::Sigma(_) | ClickError::FrameIndex { .. } => FailureKind::InvalidRequest,
+            ClickError::Triangulation { .. }
+            | ClickError::RaysMiss { .. }
+            | ClickError::DegenerateFrame
+            | ClickError::Pnp(_)
+            | ClickError::Contradiction { .. } => FailureKind::Unmeasurable,
+        };
+        Self::new(kind, format!("field 'clicks': {error}"))
     }
 }

@@ -32,6 +32,8 @@ pub(crate) struct Limits {
     /// A client that sends nothing of its body for so long is cut off.
     pub body_timeout: Duration,
     pub exif_orientation: OrientationPolicy,
+    /// Whether references may be replaced.
+    pub recalibration: bool,
     pub memory: MemoryBound,
 }
 
@@ -89,6 +91,7 @@ impl Limits {
             max_timeout: Duration::from_millis(config.max_timeout_ms),
             body_timeout: Duration::from_millis(config.body_timeout_ms),
             exif_orientation: config.exif_orientation,
+            recalibration: config.recalibration,
             memory,
         }
     }

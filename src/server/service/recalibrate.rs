@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use posed_core::calibration::{Click, ClickedPair, FrameClicks, reference_from_clicks};
 use posed_core::geometry::Pose;
 use tokio::sync::Mutex;
 
@@ -20,9 +21,25 @@ use crate::vision::{BoundingBox, Image};
 pub(crate) struct KnownView {
     pub image: bytes::Bytes,
     pub camera: CameraChoice,
-    pub camera_from_object: Pose,
+    pub pose: KnownPose,
     /// By default the only one that the detector sees.
     pub region: Option<BoundingBox>,
+}
+
+/// Where the pose of the object in a reference image is known from.
+pub(crate) enum KnownPose {
+    /// `camera_from_object`.
+    Stated(Pose),
+    Clicked(Box<ClickedPose>),
+}
+
+/// Points clicked in the reference image and in a second one.
+pub(crate) struct ClickedPose {
+    pub second_camera: CameraChoice,
+    pub second_from_first: Pose,
+    pub clicks: Vec<Click>,
+    pub sigma_px: f64,
+    pub frame: FrameClicks,
 }
 
 /// Reference images of one object.
@@ -52,13 +69,15 @@ impl Service {
         let Recalibration { object, views, options, body, deadline } = asked;
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
         self.model(&object)?;
-        let stated = views.iter().enumerate().map(|(index, view)| (format!("image {index}"), view.camera_from_object));
-        no_view_twice(&stated.collect::<Vec<_>>()).map_err(CalibrateError::from)?;
+        let stated =
+            views.iter().enumerate().map(|(index, view)| Ok((format!("image {index}"), self.known_pose(view)?)));
+        let stated = stated.collect::<Result<Vec<_>, Failure>>()?;
+        no_view_twice(&stated).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
         let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
-        for view in views {
+        for (view, (_, camera_from_object)) in views.into_iter().zip(stated) {
             let file = file_name(&object, &view.image);
             let camera = self.camera(view.camera)?;
             let work = ReferenceWork {
@@ -70,7 +89,6 @@ impl Service {
                 deadline,
             };
             let (region, solution) = self.queue.measure(work).await?;
-            let camera_from_object = view.camera_from_object;
             measured.push(MeasuredView {
                 file: file.clone(),
                 camera,
@@ -98,6 +116,21 @@ impl Service {
         let in_force = in_force.ok_or_else(|| Failure::new(FailureKind::UnknownObject, "the object is gone"))?;
         tracing::info!("{object} has a new reference (sha256 {})", in_force.sha256);
         Ok(in_force)
+    }
+
+    fn known_pose(&self, view: &KnownView) -> Result<Pose, Failure> {
+        let clicked = match &view.pose {
+            KnownPose::Stated(camera_from_object) => return Ok(*camera_from_object),
+            KnownPose::Clicked(clicked) => clicked,
+        };
+        let pair = ClickedPair {
+            first_camera: &self.camera(view.camera.clone())?,
+            second_camera: &self.camera(clicked.second_camera.clone())?,
+            second_from_first: clicked.second_from_first,
+            clicks: &clicked.clicks,
+            sigma_px: clicked.sigma_px,
+        };
+        Ok(reference_from_clicks(&pair, clicked.frame)?.camera_from_object)
     }
 }
 

@@ -7,16 +7,23 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
+use crate::model::PoseFile;
 use crate::server::service::CameraChoice;
 use crate::vision::{RawError, RawLayout};
 
 /// A pose: a unit quaternion (x, y, z, w) and a translation in metres.
-#[derive(Clone, Copy, Debug, serde::Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, serde::Deserialize, serde::Serialize, ToSchema)]
 #[schema(as = Pose)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PoseForm {
     rotation_xyzw: [f64; 4],
     translation_m: [f64; 3],
+}
+
+impl From<&PoseFile> for PoseForm {
+    fn from(file: &PoseFile) -> Self {
+        Self { rotation_xyzw: file.rotation_xyzw, translation_m: file.translation_m }
+    }
 }
 
 impl TryFrom<PoseForm> for Pose {

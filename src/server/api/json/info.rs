@@ -2,9 +2,12 @@
 
 use std::time::{Duration, UNIX_EPOCH};
 
+use posed_core::geometry::Camera;
 use serde::Serialize;
+use serde_json::Value;
 use utoipa::ToSchema;
 
+use super::forms::{CameraForm, PoseForm};
 use crate::estimator::MAX_DETECTIONS;
 use crate::model::{InForce, Method};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
@@ -24,8 +27,17 @@ pub(crate) struct ObjectReport {
     keypoints: usize,
     /// Whether the object looks the same in several orientations. Answers then have the canonical one.
     symmetric: bool,
+    /// Number of orientations in which the object looks the same, the one as it is among them.
+    orientations: usize,
+    /// Axis about which the object looks the same at any angle, in the frame of the object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    revolution_axis: Option<[f64; 3]>,
     /// SHA-256 of the keypoint net.
     model_sha256: String,
+    /// What the trainer wrote about the keypoint net, such as its validation figures. For people; it has no fixed form.
+    #[serde(skip_serializing_if = "Value::is_null")]
+    #[schema(value_type = Option<Object>)]
+    training: Value,
     #[serde(skip_serializing_if = "Option::is_none")]
     reference: Option<ReferenceReport>,
     /// Why the reference of the object is not in use. Present if there is one that is not.
@@ -53,7 +65,14 @@ pub(crate) struct ReferenceReport {
 /// One reference image.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ReferenceViewReport {
+    /// File name. `GET /v1/objects/{name}/reference/{image}` returns the image.
     image: String,
+    #[schema(value_type = CameraForm)]
+    camera: Camera,
+    /// Pose of the object in this image.
+    camera_from_object: PoseForm,
+    /// Box of the object in this image: x, y, width, height in pixels.
+    box_px: [f64; 4],
     /// Whether the offset is computed from this image.
     inlier: bool,
     /// Difference between the offset in this image and the overall offset.
@@ -97,6 +116,8 @@ pub(crate) struct LimitsReport {
     /// How the server treats images with an EXIF orientation: `refuse`, `apply` or `ignore`.
     #[schema(value_type = String, example = "refuse")]
     exif_orientation: OrientationPolicy,
+    /// Whether `PUT /v1/objects/{name}/reference` is on.
+    recalibration: bool,
     memory: MemoryReport,
 }
 
@@ -137,6 +158,7 @@ impl From<&Limits> for LimitsReport {
             image_formats: ["image/jpeg", "image/png", "image/webp"],
             raw_encodings: RawEncoding::ALL.iter().map(ToString::to_string).collect(),
             exif_orientation: limits.exif_orientation,
+            recalibration: limits.recalibration,
             memory: (&limits.memory).into(),
         }
     }
@@ -160,8 +182,11 @@ impl From<KnownObject<'_>> for ObjectReport {
             calibrated: reference.is_some(),
             diameter_m: manifest.diameter_m,
             keypoints: manifest.virtual_keypoints_m.len(),
-            symmetric: !(manifest.symmetries_discrete.is_empty() && manifest.symmetries_continuous.is_empty()),
+            symmetric: !model.symmetries.is_trivial(),
+            orientations: model.symmetries.discrete().len(),
+            revolution_axis: model.symmetries.continuous().first().map(|symmetry| (*symmetry.axis).into()),
             model_sha256: manifest.model_sha256.clone(),
+            training: manifest.training.clone(),
             reference: reference.as_deref().map(ReferenceReport::from),
             reference_problem,
         }
@@ -174,6 +199,9 @@ impl From<&InForce> for ReferenceReport {
         let (sigma_translation_m, sigma_rotation_rad) = reference.offset.sigmas();
         let views = reference.views.iter().map(|view| ReferenceViewReport {
             image: view.image.clone(),
+            camera: view.camera.clone(),
+            camera_from_object: (&view.camera_from_object).into(),
+            box_px: view.box_px,
             inlier: view.inlier,
             residual_deg: view.residual_deg,
             residual_mm: view.residual_mm,

@@ -3,6 +3,7 @@
 mod errors;
 mod forms;
 mod info;
+mod recalibration;
 mod report;
 mod requests;
 mod status;
@@ -13,11 +14,12 @@ mod views;
 pub(crate) use errors::{ErrorBody, ErrorDetail};
 pub(crate) use forms::{CameraForm, RawForm};
 pub(crate) use info::{LimitsReport, ObjectReport, ReferenceReport};
+pub(crate) use recalibration::ReferenceRequest;
 pub use report::{
     AlternativeReport, DetectionReport, ExifReport, ImageReport, KeypointReport, ModelsReport, PoseReport, Report,
     ReportContext, SolvedReport, TimingsReport,
 };
-pub(crate) use requests::{BatchRequest, EstimateRequest, ReferenceRequest};
+pub(crate) use requests::{BatchRequest, EstimateRequest};
 pub(crate) use status::StatusReport;
 pub use transform::{PlacedReport, TransformReport};
 pub use trust::{ReasonForm, StatusForm};

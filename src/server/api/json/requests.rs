@@ -1,14 +1,13 @@
 //! The part `request` of a form.
 
-use posed_core::calibration::Mode;
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
 use super::forms::{CameraChoiceForm, PoseForm, RawForm};
 use crate::estimator::CallerFrames;
-use crate::server::service::{CameraChoice, Failure, KnownView, PoseRequest};
-use crate::vision::{BoundingBox, RawLayout};
+use crate::server::service::{CameraChoice, Failure, PoseRequest};
+use crate::vision::RawLayout;
 
 /// The part `request` of a form. Unknown fields are an error.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
@@ -77,70 +76,5 @@ impl BatchRequest {
             return Err(Failure::invalid(message));
         }
         Ok(list.into_iter().map(|one| serde_json::from_str(one.get()).map_err(bad)).collect())
-    }
-}
-
-/// The part `request` of a recalibration. Unknown fields are an error.
-#[derive(Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ReferenceRequest {
-    /// One entry for each part `image`, in the same order.
-    references: Vec<ReferenceImage>,
-    /// How several images are averaged: `weighted` (default) weights each image by its information, `paper` does not.
-    #[serde(default)]
-    #[schema(value_type = String, example = "weighted")]
-    pub mode: Mode,
-    /// Whether the origin of the object's frame may lie farther from the object than the object is large.
-    #[serde(default)]
-    pub far_origin: bool,
-}
-
-/// The known facts about one reference image.
-#[derive(Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-struct ReferenceImage {
-    /// Id of a registered camera, or a camera.
-    #[schema(value_type = CameraChoiceForm)]
-    camera: CameraChoice,
-    /// Pose of the object in this image.
-    camera_from_object: PoseForm,
-    /// Box of the object: x, y, width, height in pixels. Omit this if the detector finds the object exactly once.
-    box_px: Option<[f64; 4]>,
-}
-
-/// A box that something can be seen in.
-fn checked_box(box_px: [f64; 4]) -> Result<BoundingBox, Failure> {
-    let [x, y, width, height] = box_px;
-    let usable = [x, y].iter().all(|at| at.abs() <= MAX_BOX_PX)
-        && [width, height].iter().all(|side| (MIN_BOX_PX..=MAX_BOX_PX).contains(side));
-    let problem = || {
-        format!(
-            "field 'box_px' is {box_px:?}; give x, y, width, height in pixels, sides from {MIN_BOX_PX} to {MAX_BOX_PX}"
-        )
-    };
-    if usable { Ok(box_px.into()) } else { Err(Failure::invalid(problem())) }
-}
-
-const MIN_BOX_PX: f64 = 8.0;
-const MAX_BOX_PX: f64 = 8192.0;
-
-impl ReferenceRequest {
-    /// Combines the images with their known facts.
-    pub(crate) fn views(self, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
-        if images.is_empty() || images.len() != self.references.len() {
-            let (images, references) = (images.len(), self.references.len());
-            let message =
-                format!("{images} parts 'image' for {references} entries in 'references'; send one image for each");
-            return Err(Failure::invalid(message));
-        }
-        let known = |(image, known): (bytes::Bytes, ReferenceImage)| {
-            Ok(KnownView {
-                image,
-                camera: known.camera,
-                camera_from_object: Failure::or_pose("camera_from_object", known.camera_from_object)?,
-                region: known.box_px.map(checked_box).transpose()?,
-            })
-        };
-        images.into_iter().zip(self.references).map(known).collect()
     }
 }
