@@ -1,9 +1,12 @@
 //! From keypoints to a pose that a robot can trust, or a reason why not.
 
+use image::RgbImage;
+
 use super::answer::{Detection, KeypointPrediction, ObjectPose, SolvedKeypoint, SolvedPose};
+use super::evidence;
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
-use crate::model::ObjectModel;
+use crate::model::{Evidence, ObjectModel};
 use crate::vision::{BoundingBox, box_corners};
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
@@ -31,6 +34,7 @@ pub(super) fn object_pose(
     offset: &Offset,
     detection: Detection,
     prediction: &KeypointPrediction,
+    image: &RgbImage,
     camera: &Camera,
 ) -> ObjectPose {
     let manifest = &model.manifest;
@@ -46,13 +50,17 @@ pub(super) fn object_pose(
         verdict.object(Reason::NotFinite, Status::Rejected);
         return answer(verdict, None);
     }
-    let Ok(solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
+    let Ok(mut solution) = solve(manifest, prediction, camera, &pnp::Options::default()) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
     };
-    let pose = solved_pose(model, offset, &solution, prediction);
+    let (evidence, probability) = evidence::judge(manifest, &detection, prediction, &mut solution, image, camera);
+    let pose = SolvedPose { evidence, probability, ..solved_pose(model, offset, &solution, prediction) };
     let mut verdict = Verdict::of(&solution);
+    if manifest.trust.as_ref().zip(probability).is_some_and(|(trust, probability)| probability < trust.ok_probability) {
+        verdict.object(Reason::Improbable, Status::LowConfidence);
+    }
     if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
         verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }
@@ -103,6 +111,8 @@ fn solved_pose(
         outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
+        evidence: Evidence::default(),
+        probability: None,
         box_in_camera: box_corners(&model.manifest.keypoints()).map(|corner| solution.pose.transform(&corner)),
     }
 }

@@ -6,7 +6,8 @@ use fast_image_resize::Resizer;
 use image::RgbImage;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::answer::{EstimateError, KeypointPrediction};
+use super::answer::{Detection, EstimateError, KeypointPrediction, Spread};
+use super::evidence;
 use super::feed;
 use crate::model::{
     CropVariant, KeypointManifest, KeypointNet, KeypointOutput, Network, Outputs, RuntimeError, SecondLook,
@@ -111,6 +112,10 @@ pub(super) fn locate(
         for ((at, _), prediction) in looked.iter().zip(predict(manifest, network, &closer)?) {
             found[*at] = prediction;
         }
+        for (at, place) in &looked {
+            let next = zoomed(&found[*at], &heights, &crops[*at].place, zoom);
+            found[*at].spread.moved = next.map_or(1.0, |next| apart(&next, place));
+        }
     }
     Ok(found)
 }
@@ -118,10 +123,9 @@ pub(super) fn locate(
 /// Where to look next: about the keypoints' centre, as large as they are spread, and so that the axis points up along
 /// which they have these `heights`. `None` where that is no place for the object of this box.
 fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom: f64) -> Option<Square> {
-    let share = (prediction.pixels.len() as f64).recip();
-    let centre = prediction.pixels.iter().sum::<Vector2<f64>>() * share;
+    let (centre, spread) = spread_of(&prediction.pixels);
+    let side = zoom * spread;
     let arms = prediction.pixels.iter().map(|pixel| pixel - centre);
-    let side = zoom * (arms.clone().map(|arm| arm.norm_squared()).sum::<f64>() * share).sqrt();
     let axis: Vector2<f64> = arms.zip(heights).map(|(arm, height)| arm * *height).sum();
     let near = (centre - first.centre).amax() <= first.side;
     (near && ZOOMED_PER_BOX.contains(&(side / first.side))).then(|| Square {
@@ -132,8 +136,13 @@ fn zoomed(prediction: &KeypointPrediction, heights: &[f64], first: &Square, zoom
 }
 
 fn elsewhere(next: &Square, place: &Square) -> bool {
+    apart(next, place) > ELSEWHERE
+}
+
+/// How far two places differ in centre and size, of their size.
+fn apart(next: &Square, place: &Square) -> f64 {
     let moved = (next.centre - place.centre).amax() / place.side;
-    moved.max((next.side / place.side).ln().abs()) > ELSEWHERE
+    moved.max((next.side / place.side).ln().abs())
 }
 
 /// The keypoints of many boxes by their crops.
@@ -160,7 +169,13 @@ fn predict(
         let sound: Vec<&KeypointPrediction> = of_box.iter().filter(|crop| crop.is_finite()).collect();
         match &sound[..] {
             [] => of_box[0].clone(),
-            sound => average(&largest_agreement(sound, MAX_DISAGREEMENT * crops.place.side)),
+            sound => {
+                let agreeing = largest_agreement(sound, MAX_DISAGREEMENT * crops.place.side);
+                let left_out = 1.0 - agreeing.len() as f64 / of_box.len() as f64;
+                let mean = average(&agreeing);
+                let spread = Spread { left_out, ..spread(&agreeing, &mean, crops.place.side) };
+                KeypointPrediction { spread, ..mean }
+            }
         }
     };
     Ok(boxes.iter().map(next).collect())
@@ -230,6 +245,7 @@ fn decoded(
         pixels: keypoints[rows(row, 2)].chunks_exact(2).map(|uv| Vector2::new(uv[0], uv[1]).cast()).collect(),
         covariances: covariances[rows(row, 4)].chunks_exact(4).map(|c| Matrix2::from_row_slice(c).cast()).collect(),
         peaks: peaks[rows(row, 1)].iter().map(|peak| f64::from(*peak)).collect(),
+        spread: Spread::default(),
     };
     Ok((0..crops).map(of_crop).collect())
 }
@@ -249,7 +265,8 @@ fn from_heatmaps(
         }
     };
     let of_crop = |maps: &[f32]| {
-        let mut raw = KeypointPrediction { pixels: Vec::new(), covariances: Vec::new(), peaks: Vec::new() };
+        let (pixels, covariances, peaks) = (Vec::new(), Vec::new(), Vec::new());
+        let mut raw = KeypointPrediction { pixels, covariances, peaks, spread: Spread::default() };
         for peak in maps.chunks_exact(side * side).map(|map| find_peak(map, side, f64::from(manifest.input.size))) {
             raw.pixels.push(peak.position);
             raw.covariances.push(peak.covariance);
@@ -299,6 +316,7 @@ fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
         pixels: vec![Vector2::zeros(); count],
         covariances: vec![Matrix2::zeros(); count],
         peaks: vec![0.0; count],
+        spread: Spread::default(),
     };
     for crop in of_crops {
         for k in 0..count {
@@ -308,6 +326,28 @@ fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
         }
     }
     mean
+}
+
+/// How far crops lie from their mean.
+fn spread(of_crops: &[&KeypointPrediction], mean: &KeypointPrediction, side: f64) -> Spread {
+    let share = (of_crops.len() as f64).recip();
+    let squares = |crop: &KeypointPrediction| -> f64 {
+        let apart = crop.pixels.iter().zip(&mean.pixels).map(|(a, b)| (a - b).norm_squared());
+        apart.sum::<f64>() / mean.pixels.len() as f64
+    };
+    let apart = (of_crops.iter().map(|crop| squares(crop)).sum::<f64>() * share).sqrt() / side;
+    let sizes = || of_crops.iter().map(|crop| spread_of(&crop.pixels).1.ln());
+    let middle = sizes().sum::<f64>() * share;
+    let scale = (sizes().map(|size| (size - middle).powi(2)).sum::<f64>() * share).sqrt();
+    Spread { apart, scale, left_out: 0.0, moved: 0.0 }
+}
+
+/// The keypoints' centre, and their root mean square distance from it.
+fn spread_of(pixels: &[Vector2<f64>]) -> (Vector2<f64>, f64) {
+    let share = (pixels.len() as f64).recip();
+    let centre = pixels.iter().sum::<Vector2<f64>>() * share;
+    let squares: f64 = pixels.iter().map(|pixel| (pixel - centre).norm_squared()).sum();
+    (centre, (squares * share).sqrt())
 }
 
 /// The keypoints' pose, `camera_from_keypoints`.
@@ -331,7 +371,11 @@ pub(super) fn solve_within(
 ) -> Result<Result<Solution, PnpError>, EstimateError> {
     let camera = camera.for_image(image.width(), image.height())?;
     let found = locate_within(manifest, network, resizer, image, region)?;
-    Ok(solve(manifest, &found, &camera, &pnp::Options::default()))
+    let certain = Detection { object: 0, bounding_box: *region, score: 1.0 };
+    Ok(solve(manifest, &found, &camera, &pnp::Options::default()).map(|mut solution| {
+        evidence::judge(manifest, &certain, &found, &mut solution, image, &camera);
+        solution
+    }))
 }
 
 /// The keypoints within one box of an image.

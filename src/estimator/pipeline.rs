@@ -158,11 +158,13 @@ impl Estimator {
             let name = model.as_ref().map(|model| model.manifest.name.as_str());
             name.is_some_and(|name| selection.wants(name) && self.references.get(name).is_some())
         };
-        Wanted {
-            classes: self.library.objects.iter().map(wanted).collect(),
-            // No pose is trusted more than its detection.
-            least_score: selection.min_confidence,
-        }
+        Wanted { classes: self.library.objects.iter().map(wanted).collect(), least_score: self.least_score(selection) }
+    }
+
+    /// Detections with a lower score have no pose that is wanted. A probability is not bound by the score.
+    fn least_score(&self, selection: &Selection) -> f64 {
+        let by_score = self.library.objects.iter().flatten().all(|model| model.manifest.trust.is_none());
+        if by_score { selection.min_confidence } else { 0.0 }
     }
 
     fn look_for_objects(&mut self, frame: &Frame<'_>, wanted: &Wanted) -> Result<Progress, EstimateError> {
@@ -210,7 +212,14 @@ impl Estimator {
                 progress.timings.keypoints += elapsed;
             }
             let start = Instant::now();
-            progress.poses.push(object_pose(model, offset, detection, &prediction, &progress.camera));
+            progress.poses.push(object_pose(
+                model,
+                offset,
+                detection,
+                &prediction,
+                frames[frame].image,
+                &progress.camera,
+            ));
             progress.timings.pnp += start.elapsed();
         }
     }

@@ -27,6 +27,8 @@ pub enum Reason {
     GreyImage,
     /// The image is nearly black.
     DarkImage,
+    /// Of poses with such evidence too many are wrong.
+    Improbable,
     /// The network returned values that are not finite numbers.
     NotFinite,
 }
@@ -45,19 +47,21 @@ impl std::fmt::Display for Reason {
             Self::CameraSuspect => "camera_suspect",
             Self::GreyImage => "grey_image",
             Self::DarkImage => "dark_image",
+            Self::Improbable => "improbable",
             Self::NotFinite => "not_finite",
         })
     }
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 12] = [
+const REASONS: [Reason; 13] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
     Reason::WeakKeypoints,
     Reason::BoxMismatch,
     Reason::UncertainPose,
+    Reason::Improbable,
     Reason::TooNear,
     Reason::CameraSuspect,
     Reason::GreyImage,

@@ -147,6 +147,7 @@ impl From<Reason> for proto::Reason {
             Reason::CameraSuspect => Self::CameraSuspect,
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
+            Reason::Improbable => Self::Improbable,
             Reason::NotFinite => Self::NotFinite,
         }
     }
