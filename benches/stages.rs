@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{
     Answer, CallerFrames, Detection, Estimate, ObjectPose, Observed, SolvedKeypoint, SolvedPose, Timings, Verdict,
 };
-use posed::model::{ModelsInUse, Provider};
+use posed::model::{Evidence, ModelsInUse, Provider};
 use posed::server::api::json::{Report, ReportContext};
 use posed::vision::{BoundingBox, DecodeOptions, Exif, Fit, Image, Letterbox, Square, crop_squares, decode, letterbox};
 use posed_core::geometry::{Camera, Covariance6, Pose};
@@ -88,6 +88,8 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
             weight: 1.0,
             observed: Observed::default(),
             keypoints_scale: 1.0,
+            evidence: Evidence::default(),
+            probability: None,
             box_in_camera: [Vector3::zeros(); 8],
         }),
         diameter_m: 0.09,

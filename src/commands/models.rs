@@ -4,7 +4,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::estimator::Estimator;
-use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, available_cores};
+use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, Trust, available_cores};
 
 /// Where the models are and how they run.
 #[derive(Args, Clone, Debug)]
@@ -15,6 +15,9 @@ pub(super) struct ModelArgs {
     /// Folder with the reference `<object>.json` of each calibrated object.
     #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
     pub(super) reference: PathBuf,
+    /// Probability from which on a pose is `ok`, 0..1 [default: what each object's model states].
+    #[arg(long, env = "POSED_OK_PROBABILITY", value_parser = Trust::parse_probability)]
+    ok_probability: Option<f64>,
     /// Execution provider of the networks.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
     pub(super) provider: Provider,
@@ -36,7 +39,7 @@ impl ModelArgs {
 
     /// All models, and the references that are there for them.
     pub(super) fn library(&self) -> Result<(Arc<Library>, Arc<References>), LoadError> {
-        let library = Arc::new(Library::load(&self.models)?);
+        let library = Arc::new(Library::load(&self.models)?.with_ok_probability(self.ok_probability));
         let references = Arc::new(References::load(&self.reference, &library)?);
         Ok((library, references))
     }

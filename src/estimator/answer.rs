@@ -3,7 +3,7 @@ use std::time::Duration;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::model::RuntimeError;
+use crate::model::{Evidence, RuntimeError};
 use posed_core::geometry::{Camera, CameraError, Covariance6, Pose, rotated_covariance};
 use posed_core::pnp::{PnpError, Status};
 use posed_core::views::Mode;
@@ -102,6 +102,21 @@ pub struct KeypointPrediction {
     pub covariances: Vec<Matrix2<f64>>,
     /// Probability mass about each keypoint, 0..1.
     pub peaks: Vec<f64>,
+    /// How far the crops that it was averaged over differ.
+    pub spread: Spread,
+}
+
+/// How far the crops of one box agree. `None` where there was but one, or one look.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Root mean square distance of their keypoints from the mean, of the side of their place.
+    pub apart: Option<f64>,
+    /// Standard deviation of the logarithm of how far the keypoints are spread.
+    pub scale: Option<f64>,
+    /// Share of the crops that were left out, since they show the object in another way than most.
+    pub left_out: f64,
+    /// How far the keypoints lie from the place that the last look was cut for, of its side.
+    pub moved: Option<f64>,
 }
 
 impl KeypointPrediction {
@@ -129,12 +144,16 @@ pub struct ObjectPose {
 }
 
 impl ObjectPose {
-    /// The weakest link, 0..1: the smallest of the detector's score, the share of keypoints that agree with the pose, and
-    /// the pose's weight among its alternatives; 0 where the pose is rejected. An order among answers, not a probability.
+    /// The probability that the pose is right, as far as the model states what its evidence is worth, 0..1; 0 where the pose
+    /// is rejected. Of other models the weakest link, which is an order among answers, not a probability: the smallest of
+    /// the detector's score, the share of keypoints that agree with the pose, and the pose's weight among its alternatives.
     #[must_use]
     pub fn confidence(&self) -> f64 {
         let trusted = self.pose.as_ref().filter(|_| self.verdict.status != Status::Rejected);
         trusted.map_or(0.0, |solved| {
+            if let Some(probability) = solved.probability {
+                return probability;
+            }
             let agreeing = solved.inlier_count() as f64 / solved.keypoints.len().max(1) as f64;
             self.detection.score.min(agreeing).min(solved.weight)
         })
@@ -163,6 +182,10 @@ pub struct SolvedPose {
     pub observed: Observed,
     /// What the reference multiplies the virtual keypoints' coordinates by.
     pub keypoints_scale: f64,
+    /// What speaks for and against it.
+    pub evidence: Evidence,
+    /// That it is right: that its ADD(-S) is below a tenth of the diameter, 0..1. `None` where the model states no trust.
+    pub probability: Option<f64>,
     /// Corners of the box that the virtual keypoints span, in the camera's frame, metres; bit k of the index is axis k.
     pub box_in_camera: [Vector3<f64>; 8],
 }

@@ -1,9 +1,12 @@
 //! From keypoints to a pose that a robot can trust, or a reason why not.
 
+use image::RgbImage;
+
 use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedKeypoint, SolvedPose};
+use super::evidence;
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
-use crate::model::ObjectModel;
+use crate::model::{Evidence, ObjectModel};
 use crate::vision::{BoundingBox, box_corners};
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
@@ -32,6 +35,7 @@ pub(super) fn object_pose(
     offset: &Offset,
     detection: Detection,
     prediction: &KeypointPrediction,
+    image: &RgbImage,
     camera: &Camera,
 ) -> ObjectPose {
     let manifest = &model.manifest;
@@ -48,13 +52,17 @@ pub(super) fn object_pose(
         verdict.object(Reason::NotFinite, Status::Rejected);
         return answer(verdict, None);
     }
-    let Ok(solution) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
+    let Ok(mut solution) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
     };
-    let pose = solved_pose(model, offset, &solution, prediction);
+    let (evidence, probability) = evidence::judge(manifest, &detection, prediction, &mut solution, image, camera);
+    let pose = SolvedPose { evidence, probability, ..solved_pose(model, offset, &solution, prediction) };
     let mut verdict = Verdict::of(&solution);
+    if manifest.trust.as_ref().zip(probability).is_some_and(|(trust, probability)| probability < trust.ok_probability) {
+        verdict.object(Reason::Improbable, Status::LowConfidence);
+    }
     if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
         verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }
@@ -112,6 +120,8 @@ fn solved_pose(
             modes: Mode::all_of(solution),
         },
         keypoints_scale: offset.keypoints_scale,
+        evidence: Evidence::default(),
+        probability: None,
         box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale))
             .map(|corner| solution.pose.transform(&corner)),
     }

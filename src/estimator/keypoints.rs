@@ -6,7 +6,8 @@ use fast_image_resize::Resizer;
 use image::RgbImage;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::answer::{EstimateError, KeypointPrediction};
+use super::answer::{Detection, EstimateError, KeypointPrediction, Spread};
+use super::evidence;
 use super::feed;
 use crate::model::{
     CropVariant, KeypointManifest, KeypointNet, KeypointOutput, Network, Outputs, RuntimeError, SecondLook,
@@ -132,6 +133,10 @@ pub(super) fn locate(
         for ((at, _), prediction) in looked.iter().zip(predict(manifest, network, &closer)?) {
             found[*at] = prediction;
         }
+        for (at, place) in &looked {
+            let next = zoomed(&found[*at], &keypoints, &crops[*at].place, closer_look);
+            found[*at].spread.moved = Some(next.map_or(1.0, |next| apart(&next, place)));
+        }
     }
     Ok(found)
 }
@@ -156,17 +161,21 @@ pub(super) fn closer(
     SecondLook { zoom, up }: &SecondLook,
 ) -> Square {
     let up = Vector3::from(*up);
-    let share = (pixels.len() as f64).recip();
-    let centre = pixels.iter().sum::<Vector2<f64>>() * share;
+    let (centre, spread) = spread_of(pixels);
+    let side = zoom * spread;
     let arms = pixels.iter().map(|pixel| pixel - centre);
-    let side = zoom * (arms.clone().map(|arm| arm.norm_squared()).sum::<f64>() * share).sqrt();
     let axis: Vector2<f64> = arms.zip(keypoints).map(|(arm, point)| arm * point.dot(&up)).sum();
     Square { centre, side, turn: f64::atan2(-axis.x, -axis.y) }
 }
 
 fn elsewhere(next: &Square, place: &Square, by: f64) -> bool {
+    apart(next, place) > by
+}
+
+/// How far two places differ in centre and size, of their size.
+fn apart(next: &Square, place: &Square) -> f64 {
     let moved = (next.centre - place.centre).amax() / place.side;
-    moved.max((next.side / place.side).ln().abs()) > by
+    moved.max((next.side / place.side).ln().abs())
 }
 
 /// The keypoints of many boxes by their crops.
@@ -193,7 +202,14 @@ fn predict(
         let sound: Vec<&KeypointPrediction> = of_box.iter().filter(|crop| crop.is_finite()).collect();
         match &sound[..] {
             [] => of_box[0].clone(),
-            sound => average(&largest_agreement(sound, MAX_DISAGREEMENT * crops.place.side)),
+            sound => {
+                let agreeing = largest_agreement(sound, MAX_DISAGREEMENT * crops.place.side);
+                let left_out = 1.0 - agreeing.len() as f64 / of_box.len() as f64;
+                let mean = average(&agreeing);
+                let several = (of_box.len() > 1).then(|| spread(&agreeing, &mean, crops.place.side));
+                let spread = Spread { left_out, ..several.unwrap_or_default() };
+                KeypointPrediction { spread, ..mean }
+            }
         }
     };
     Ok(boxes.iter().map(next).collect())
@@ -263,6 +279,7 @@ fn decoded(
         pixels: keypoints[rows(row, 2)].chunks_exact(2).map(|uv| Vector2::new(uv[0], uv[1]).cast()).collect(),
         covariances: covariances[rows(row, 4)].chunks_exact(4).map(|c| Matrix2::from_row_slice(c).cast()).collect(),
         peaks: peaks[rows(row, 1)].iter().map(|peak| f64::from(*peak)).collect(),
+        spread: Spread::default(),
     };
     Ok((0..crops).map(of_crop).collect())
 }
@@ -282,7 +299,8 @@ fn from_heatmaps(
         }
     };
     let of_crop = |maps: &[f32]| {
-        let mut raw = KeypointPrediction { pixels: Vec::new(), covariances: Vec::new(), peaks: Vec::new() };
+        let (pixels, covariances, peaks) = (Vec::new(), Vec::new(), Vec::new());
+        let mut raw = KeypointPrediction { pixels, covariances, peaks, spread: Spread::default() };
         for peak in maps.chunks_exact(side * side).map(|map| find_peak(map, side, f64::from(manifest.input.size))) {
             raw.pixels.push(peak.position);
             raw.covariances.push(peak.covariance);
@@ -332,6 +350,7 @@ fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
         pixels: vec![Vector2::zeros(); count],
         covariances: vec![Matrix2::zeros(); count],
         peaks: vec![0.0; count],
+        spread: Spread::default(),
     };
     for crop in of_crops {
         for k in 0..count {
@@ -341,6 +360,28 @@ fn average(of_crops: &[&KeypointPrediction]) -> KeypointPrediction {
         }
     }
     mean
+}
+
+/// How far crops lie from their mean.
+fn spread(of_crops: &[&KeypointPrediction], mean: &KeypointPrediction, side: f64) -> Spread {
+    let share = (of_crops.len() as f64).recip();
+    let squares = |crop: &KeypointPrediction| -> f64 {
+        let apart = crop.pixels.iter().zip(&mean.pixels).map(|(a, b)| (a - b).norm_squared());
+        apart.sum::<f64>() / mean.pixels.len() as f64
+    };
+    let apart = (of_crops.iter().map(|crop| squares(crop)).sum::<f64>() * share).sqrt() / side;
+    let sizes = || of_crops.iter().map(|crop| spread_of(&crop.pixels).1.ln());
+    let middle = sizes().sum::<f64>() * share;
+    let scale = (sizes().map(|size| (size - middle).powi(2)).sum::<f64>() * share).sqrt();
+    Spread { apart: Some(apart), scale: Some(scale), ..Spread::default() }
+}
+
+/// The keypoints' centre, and their root mean square distance from it.
+fn spread_of(pixels: &[Vector2<f64>]) -> (Vector2<f64>, f64) {
+    let share = (pixels.len() as f64).recip();
+    let centre = pixels.iter().sum::<Vector2<f64>>() * share;
+    let squares: f64 = pixels.iter().map(|pixel| (pixel - centre).norm_squared()).sum();
+    (centre, (squares * share).sqrt())
 }
 
 /// The pose of the scaled keypoints, `camera_from_keypoints`.
@@ -365,7 +406,11 @@ pub(super) fn solve_within(
 ) -> Result<Result<Solution, PnpError>, EstimateError> {
     let camera = camera.for_image(image.width(), image.height())?;
     let found = locate_within(manifest, network, resizer, image, region)?;
-    Ok(solve(manifest, &found, &camera, 1.0))
+    let certain = Detection { object: 0, bounding_box: *region, score: 1.0 };
+    Ok(solve(manifest, &found, &camera, 1.0).map(|mut solution| {
+        evidence::judge(manifest, &certain, &found, &mut solution, image, &camera);
+        solution
+    }))
 }
 
 /// The keypoints within one box of an image.

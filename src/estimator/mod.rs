@@ -5,6 +5,7 @@ mod answer;
 mod calibrate;
 mod detect;
 mod doubts;
+mod evidence;
 mod expected;
 mod feed;
 mod follow;
@@ -30,7 +31,7 @@ mod worker;
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};
 pub use answer::{
     Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
-    Observed, Selection, SolvedKeypoint, SolvedPose, Timings,
+    Observed, Selection, SolvedKeypoint, SolvedPose, Spread, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use detect::MAX_DETECTIONS;

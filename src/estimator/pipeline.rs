@@ -161,11 +161,13 @@ impl Estimator {
             let name = model.as_ref().map(|model| model.manifest.name.as_str());
             name.is_some_and(|name| selection.wants(name) && self.references.get(name).is_some())
         };
-        Wanted {
-            classes: self.library.objects.iter().map(wanted).collect(),
-            // No pose is trusted more than its detection.
-            least_score: selection.min_confidence,
-        }
+        Wanted { classes: self.library.objects.iter().map(wanted).collect(), least_score: self.least_score(selection) }
+    }
+
+    /// Detections with a lower score have no pose that is wanted. A probability is not bound by the score.
+    fn least_score(&self, selection: &Selection) -> f64 {
+        let by_score = self.library.objects.iter().flatten().all(|model| model.manifest.trust.is_none());
+        if by_score { selection.min_confidence } else { 0.0 }
     }
 
     fn look_for_objects(&mut self, frame: &Frame<'_>, wanted: &Wanted) -> Result<Progress, EstimateError> {
@@ -224,7 +226,7 @@ impl Estimator {
                 progress.timings.keypoints += elapsed;
             }
             let start = Instant::now();
-            let pose = object_pose(model, offset, found.detection, &prediction, &progress.camera);
+            let pose = object_pose(model, offset, found.detection, &prediction, frames[frame].image, &progress.camera);
             progress.poses.push(ObjectPose { track: found.expected.map(|place| place.track), ..pose });
             progress.timings.pnp += start.elapsed();
         }

@@ -59,6 +59,6 @@ impl<'a> KeypointSolver<'a> {
         let camera = camera.for_image(image.width(), image.height())?;
         let found = locate_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region)?;
         let detection = Detection { object: 0, bounding_box: *region, score: 1.0 };
-        Ok(object_pose(self.model, offset, detection, &found, &camera))
+        Ok(object_pose(self.model, offset, detection, &found, image, &camera))
     }
 }

@@ -27,6 +27,8 @@ pub enum Reason {
     GreyImage,
     /// The image is nearly black.
     DarkImage,
+    /// Of poses with such evidence too many are wrong.
+    Improbable,
     /// The network returned values that are not finite numbers.
     NotFinite,
     /// Another view contradicts the pose.
@@ -51,6 +53,7 @@ impl std::fmt::Display for Reason {
             Self::CameraSuspect => "camera_suspect",
             Self::GreyImage => "grey_image",
             Self::DarkImage => "dark_image",
+            Self::Improbable => "improbable",
             Self::NotFinite => "not_finite",
             Self::ViewsDisagree => "views_disagree",
             Self::SingleView => "single_view",
@@ -60,13 +63,14 @@ impl std::fmt::Display for Reason {
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 15] = [
+const REASONS: [Reason; 16] = [
     Reason::PlanarAmbiguity,
     Reason::HighResidual,
     Reason::FewInliers,
     Reason::WeakKeypoints,
     Reason::BoxMismatch,
     Reason::UncertainPose,
+    Reason::Improbable,
     Reason::TooNear,
     Reason::CameraSuspect,
     Reason::GreyImage,

@@ -3,6 +3,7 @@ use posed_core::pnp::Status;
 use serde::Serialize;
 
 use super::metrics::{Deviation, PoseNees, ScoredView};
+use crate::model::Evidence;
 use crate::vision::BoundingBox;
 
 /// What an estimator said of one object in one image: posed itself, or any other whose results are in a file.
@@ -17,6 +18,10 @@ pub struct Answer {
     pub status: Status,
     /// Why it is not `ok`.
     pub reasons: Vec<String>,
+    /// What posed rests its trust on; `None` of other estimators.
+    pub evidence: Option<Evidence>,
+    /// As `covariance`, without the uncertainty that all answers share: that of the object's offset.
+    pub image_covariance: Option<Covariance6>,
     /// What its detector saw; `None` where it had none, or does not say.
     pub detection: Option<DetectedBox>,
 }
@@ -61,6 +66,8 @@ pub struct Scored {
     pub deviation: Option<Deviation>,
     /// In units of its covariance; `None` where there is no usable one.
     pub nees: Option<PoseNees>,
+    /// The same in units of the covariance that is the image's own.
+    pub image_nees: Option<PoseNees>,
 }
 
 /// An answer that means none of the instances in its image.

@@ -92,6 +92,16 @@ impl Library {
         Ok(Self { detector: DetectorModel { manifest, name: path.display().to_string(), bytes }, objects })
     }
 
+    /// With another probability from which on poses are `ok`, for all objects that state what their evidence is worth.
+    #[must_use]
+    pub fn with_ok_probability(mut self, ok_probability: Option<f64>) -> Self {
+        let trusts = self.objects.iter_mut().flatten().filter_map(|object| object.manifest.trust.as_mut());
+        for (trust, stated) in trusts.zip(std::iter::repeat(ok_probability)) {
+            trust.ok_probability = stated.unwrap_or(trust.ok_probability);
+        }
+        self
+    }
+
     /// The objects that have a keypoint net.
     pub fn known(&self) -> impl Iterator<Item = &ObjectModel> {
         self.objects.iter().flatten()

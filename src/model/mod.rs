@@ -1,5 +1,6 @@
 //! Model folders, references, and the runtime of the networks.
 
+mod evidence;
 mod library;
 mod manifest;
 mod network;
@@ -11,10 +12,12 @@ mod references;
 mod rig;
 mod runtime;
 
+pub use evidence::Evidence;
 pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
 pub use manifest::{
-    Channels, Coordinates, CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType, KeypointInput,
-    KeypointManifest, KeypointOutput, Layout, ManifestError, PixelFormat, Placement, SecondLook,
+    Channels, Coordinates, CovarianceTrust, CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType,
+    KeypointInput, KeypointManifest, KeypointOutput, Layout, Linear, ManifestError, PixelFormat, Placement, SecondLook,
+    Trust,
 };
 pub(crate) use manifest::{read_json, read_regular};
 pub use network::{Backend, Input, KeypointNet, Network, Output, Outputs, RuntimeError, SizeInput};

@@ -10,7 +10,7 @@ use clap::{ArgAction, Args, ValueEnum};
 use thiserror::Error;
 
 use crate::estimator::{QueueConfig, Room};
-use crate::model::{Provider, available_cores};
+use crate::model::{Provider, Trust, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
 const LISTEN: &str = "Where to listen";
@@ -53,6 +53,9 @@ pub struct Config {
     #[arg(long, env = "POSED_RECALIBRATION", help_heading = MODELS)]
     #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
     pub recalibration: bool,
+    /// Probability from which on a pose is `ok`, 0..1. Omit this to use what each object's model states.
+    #[arg(long, env = "POSED_OK_PROBABILITY", value_parser = Trust::parse_probability, help_heading = MODELS)]
+    pub ok_probability: Option<f64>,
     /// How to treat an image with an EXIF orientation.
     #[arg(long, env = "POSED_EXIF_ORIENTATION", value_enum, default_value_t, help_heading = MODELS)]
     pub exif_orientation: OrientationPolicy,

@@ -13,4 +13,5 @@ mod queue;
 mod real;
 mod script;
 mod tray;
+mod trust;
 mod zoom;

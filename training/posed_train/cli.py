@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import torch
 
-from . import ablate, check, config, cut_off, data, detector, export, pack, quantize, train
+from . import ablate, check, config, corrupt, cut_off, data, detector, export, pack, quantize, train, trust
 from .bop import DatasetError
 from .render import command as rendering
 
@@ -40,6 +40,26 @@ def main() -> None:
     cutting.add_argument("out", type=Path, help="new folder")
     cutting.add_argument("--objects", type=int, nargs="+", required=True, help="by their obj_id")
     cutting.set_defaults(run=run_cut_off)
+
+    troubling = commands.add_parser("corrupt", help="copy a split with one kind of trouble, for `posed evaluate`")
+    troubling.add_argument("split", type=Path, help="folder of scenes")
+    troubling.add_argument("out", type=Path, help="new folder")
+    troubling.add_argument("--trouble", choices=corrupt.TROUBLES, required=True)
+    troubling.add_argument("--strength", type=int, choices=range(1, corrupt.STRENGTHS + 1), required=True)
+    troubling.add_argument("--scenes", type=int, help="only so many scenes, the last")
+    troubling.set_defaults(run=run_corrupt)
+
+    trusting = commands.add_parser("trust", help="fit covariances that hold and probabilities, and store them")
+    trusting.add_argument("objects", nargs="+", help="names of model folders")
+    trusting.add_argument(
+        "--split", type=Path, action="append", required=True, help="views that no net has learned from"
+    )
+    trusting.add_argument("--meshes", type=Path, required=True, help="folder with models_info.json")
+    trusting.add_argument("--models", type=Path, default=Path("models"))
+    trusting.add_argument("--reference", type=Path, default=Path("reference"))
+    trusting.add_argument("--posed", type=Path, default=Path("target/release/posed"), help="the program")
+    trusting.add_argument("--lines", type=Path, help="keep what it said of each view here, or take it from here")
+    trusting.set_defaults(run=run_trust)
 
     keypoints = commands.add_parser("keypoints", help="train one object's keypoint net and export it")
     detect = commands.add_parser("detector", help="train the detector of all objects and export it")
@@ -99,6 +119,30 @@ def run_pack(arguments: argparse.Namespace) -> None:
 
 def run_cut_off(arguments: argparse.Namespace) -> None:
     print(f"{arguments.out}: {cut_off.cut_off(arguments.split, arguments.out, arguments.objects)} views")
+
+
+def run_corrupt(arguments: argparse.Namespace) -> None:
+    trouble, strength = arguments.trouble, arguments.strength
+    count = corrupt.corrupt(arguments.split, arguments.out, trouble, strength, arguments.scenes)
+    print(f"{arguments.out}: {count} images")
+
+
+def run_trust(arguments: argparse.Namespace) -> None:
+    lines = trust.lines(
+        arguments.lines,
+        lambda: trust.evaluate(
+            arguments.posed,
+            arguments.models,
+            arguments.reference,
+            arguments.objects,
+            arguments.split,
+            arguments.meshes,
+        ),
+    )
+    by_object, figures = trust.fit_trust(trust.collect(line for line in lines if line["object"] in arguments.objects))
+    for name, found in by_object.items():
+        trust.store(arguments.models / name / "object.json", found)
+    print(figures)
 
 
 def run_ablate(arguments: argparse.Namespace) -> None:

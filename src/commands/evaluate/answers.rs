@@ -92,6 +92,8 @@ impl Source {
             let answer = Answer {
                 pose: Some(result.camera_from_object),
                 covariance: None,
+                image_covariance: None,
+                evidence: None,
                 confidence: result.score,
                 status: Status::Ok,
                 reasons: Vec::new(),
@@ -160,6 +162,8 @@ fn answer(found: &ObjectPose) -> Answer {
     Answer {
         pose: found.pose.as_ref().map(|solved| solved.camera_from_object),
         covariance: found.pose.as_ref().map(|solved| solved.covariance),
+        image_covariance: found.pose.as_ref().map(|solved| solved.image_covariance),
+        evidence: found.pose.as_ref().map(|solved| solved.evidence),
         confidence: found.confidence(),
         status: found.verdict.status,
         reasons: found.verdict.reasons.iter().map(|reason| reason.to_string()).collect(),

@@ -1,5 +1,7 @@
 use nalgebra::Vector3;
 
+use posed_core::geometry::Covariance6;
+
 use super::answers::{Answerer, Said};
 use super::plan::{Instance, Task, visible_fraction};
 use crate::evaluation::{
@@ -67,8 +69,10 @@ pub(super) fn score(known: &[Known], answerer: &mut Answerer<'_>, task: &Task) -
 fn scored(known: &[Known], task: &Task, instance: &Instance, answer: Answer) -> Scored {
     let points = &known[instance.object].points;
     let truth = &instance.truth.camera_from_object;
-    let nees = || PoseNees::new(points, answer.pose.as_ref()?, answer.covariance.as_ref()?, truth);
-    Scored { deviation: deviation(known, task, instance, &answer), nees: nees(), answer }
+    let nees =
+        |covariance: &Option<Covariance6>| PoseNees::new(points, answer.pose.as_ref()?, covariance.as_ref()?, truth);
+    let (nees, image_nees) = (nees(&answer.covariance), nees(&answer.image_covariance));
+    Scored { deviation: deviation(known, task, instance, &answer), nees, image_nees, answer }
 }
 
 fn deviation(known: &[Known], task: &Task, instance: &Instance, answer: &Answer) -> Option<Deviation> {

@@ -4,6 +4,7 @@ use serde::Serialize;
 use super::objects::ObjectRecords;
 use crate::evaluation::metrics::{Deviation, PoseNees};
 use crate::evaluation::record::{Place, Record, Unmatched};
+use crate::model::Evidence;
 
 /// One view, for scripts that ask what the tables do not.
 #[derive(Clone, Debug, Serialize)]
@@ -21,6 +22,10 @@ pub struct ViewLine {
     pub confidence: Option<f64>,
     pub deviation: Option<Deviation>,
     pub nees: Option<PoseNees>,
+    /// In units of the covariance that is the image's own, without the offset's.
+    pub image_nees: Option<PoseNees>,
+    /// What posed's trust in the pose rests on.
+    pub evidence: Option<Evidence>,
 }
 
 /// An answer where there is no such object.
@@ -50,6 +55,8 @@ impl ViewLine {
             confidence: said.map(|said| said.answer.confidence),
             deviation: record.deviation(),
             nees: said.and_then(|said| said.nees),
+            image_nees: said.and_then(|said| said.image_nees),
+            evidence: said.and_then(|said| said.answer.evidence),
         }
     }
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::file::{Invalid, ManifestError, check_name, read_manifest};
 use super::input::{Channels, ElementType, Layout, PixelFormat};
+use super::trust::Trust;
 use posed_core::geometry::{BopAxis, BopSymmetries, Symmetries, SymmetryError};
 use posed_core::pnp::{MAX_POINTS, MIN_POINTS};
 
@@ -42,6 +43,9 @@ pub struct KeypointManifest {
     pub output: KeypointOutput,
     /// One factor for each keypoint: the network's covariance times this is the true one on held-out images.
     pub covariance_scale: Vec<f64>,
+    /// What its poses can be trusted for. Without it covariances are the solver's own, and confidence is no probability.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trust: Option<Trust>,
     /// Where the network comes from; for people.
     #[serde(default)]
     pub training: serde_json::Value,
@@ -204,7 +208,7 @@ impl KeypointManifest {
         if let Some(scale) = self.covariance_scale.iter().find(|scale| !(1e-6..=1e6).contains(*scale)) {
             return Err(("covariance_scale", format!("has the factor {scale}; each must be between 1e-6 and 1e6")));
         }
-        Ok(())
+        self.trust.as_ref().map_or(Ok(()), Trust::check)
     }
 }
 

@@ -4,6 +4,7 @@ mod detector;
 mod file;
 mod input;
 mod keypoint;
+mod trust;
 
 pub use detector::{Coordinates, DetectorFormat, DetectorInput, DetectorManifest, Placement};
 pub use file::ManifestError;
@@ -11,3 +12,4 @@ pub(super) use file::{MAX_JSON_BYTES, read_bytes, read_model, sha256_hex};
 pub(crate) use file::{read_json, read_regular};
 pub use input::{Channels, ElementType, Layout, PixelFormat};
 pub use keypoint::{CropVariant, KeypointInput, KeypointManifest, KeypointOutput, SecondLook};
+pub use trust::{CovarianceTrust, Linear, Trust};

@@ -63,7 +63,7 @@ impl Service {
     /// take in all.
     pub(crate) fn load(config: &Config, connections: Connections, access: Access) -> Result<Self, LoadFailure> {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
-        let library = Arc::new(Library::load(&config.models)?);
+        let library = Arc::new(Library::load(&config.models)?.with_ok_probability(config.ok_probability));
         let references = Arc::new(References::load_usable(&config.reference, &library).map_err(LoadError::from)?);
         if config.recalibration {
             references.check_writable().map_err(LoadError::from)?;

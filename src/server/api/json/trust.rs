@@ -48,6 +48,8 @@ pub enum ReasonForm {
     GreyImage,
     /// The image is nearly black.
     DarkImage,
+    /// Too many poses with evidence like this one's are wrong. See `confidence`.
+    Improbable,
     /// The network returned values that are not finite numbers, so there is no pose.
     NotFinite,
     /// For several views: a view contradicts the pose. The pose can be `ok` if most views agree.
@@ -84,6 +86,7 @@ impl From<Reason> for ReasonForm {
             Reason::CameraSuspect => Self::CameraSuspect,
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
+            Reason::Improbable => Self::Improbable,
             Reason::NotFinite => Self::NotFinite,
             Reason::ViewsDisagree => Self::ViewsDisagree,
             Reason::SingleView => Self::SingleView,

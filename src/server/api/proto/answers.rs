@@ -157,6 +157,7 @@ impl From<Reason> for proto::Reason {
             Reason::CameraSuspect => Self::CameraSuspect,
             Reason::GreyImage => Self::GreyImage,
             Reason::DarkImage => Self::DarkImage,
+            Reason::Improbable => Self::Improbable,
             Reason::NotFinite => Self::NotFinite,
             Reason::ViewsDisagree => Self::ViewsDisagree,
             Reason::SingleView => Self::SingleView,

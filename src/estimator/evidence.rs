@@ -1,0 +1,167 @@
+//! What speaks for and against a pose, gathered from all stages, and what its model makes of it.
+
+use image::RgbImage;
+use nalgebra::{Matrix3, Vector3};
+use posed_core::geometry::{Camera, Covariance6};
+use posed_core::pnp::Solution;
+
+use super::answer::{Detection, KeypointPrediction};
+use crate::model::{Evidence, KeypointManifest};
+use crate::vision::BoundingBox;
+
+/// Logarithms are taken of no less.
+const LEAST: f64 = 1e-4;
+/// Pixels of a box that are looked at, in each direction.
+const SAMPLES: u32 = 64;
+/// A box that ends so near the image's border is cut off by it, pixels.
+const BORDER_PX: f64 = 2.0;
+
+/// The evidence for a pose that was solved within a detection's box. Where the model states what such evidence is worth, it
+/// makes the covariance an honest one, and gives the probability that the pose is right.
+pub(super) fn judge(
+    manifest: &KeypointManifest,
+    detection: &Detection,
+    prediction: &KeypointPrediction,
+    solution: &mut Solution,
+    image: &RgbImage,
+    camera: &Camera,
+) -> (Evidence, Option<f64>) {
+    let evidence = gather(manifest.diameter_m, detection, prediction, solution, image, camera);
+    let Some(trust) = &manifest.trust else { return (evidence, None) };
+    let ray = solution.pose.translation().normalize();
+    solution.covariance = scaled_covariance(&solution.covariance, &ray, trust.factors(&evidence));
+    (evidence, Some(trust.probability(&evidence)))
+}
+
+fn gather(
+    diameter_m: f64,
+    detection: &Detection,
+    prediction: &KeypointPrediction,
+    solution: &Solution,
+    image: &RgbImage,
+    camera: &Camera,
+) -> Evidence {
+    let region = &detection.bounding_box;
+    let centre = solution.pose.translation();
+    let extent_px = camera.focal().mean() * diameter_m / centre.z;
+    let shift = camera.project(centre).map_or(1.0, |pixel| (pixel - region.centre()).norm() / region.extent());
+    let mut peaks = prediction.peaks.clone();
+    peaks.sort_by(f64::total_cmp);
+    let points = solution.residuals().len().max(1) as f64;
+    let spread = &prediction.spread;
+    let [depth, lateral, rotation] = spreads(&solution.covariance, centre);
+    let pixels = Pixels::of(image, region);
+    Evidence {
+        size: ln(extent_px / 100.0),
+        crops_apart: spread.apart.map_or(f64::NAN, ln),
+        crops_scale: spread.scale.map_or(f64::NAN, ln),
+        crops_left_out: spread.left_out,
+        look_moved: spread.moved.map_or(f64::NAN, ln),
+        peak: peaks.get(peaks.len() / 2).copied().unwrap_or(0.0),
+        least_peak: peaks.first().copied().unwrap_or(0.0),
+        residual: ln(solution.chi2 / (solution.degrees_of_freedom.max(1) as f64)),
+        outliers: 1.0 - solution.inlier_count() as f64 / points,
+        rivals: 1.0 - solution.weight,
+        score: detection.score,
+        box_size: ln(region.extent() / extent_px),
+        box_shift: shift.min(1.0),
+        at_border: f64::from(u8::from(touches_border(region, image))),
+        sigma_depth: ln(depth / diameter_m),
+        sigma_lateral: ln(lateral / diameter_m),
+        sigma_rotation: ln(rotation),
+        brightness: pixels.brightness,
+        contrast: pixels.contrast,
+        saturation: pixels.saturation,
+        warmth: pixels.warmth,
+        greenness: pixels.greenness,
+        sharpness: ln(pixels.step / pixels.contrast.max(LEAST)),
+    }
+}
+
+/// A pose's covariance with its standard deviations along a ray, across it, and of the rotation multiplied by factors.
+fn scaled_covariance(
+    covariance: &Covariance6,
+    ray: &Vector3<f64>,
+    [depth, lateral, rotation]: [f64; 3],
+) -> Covariance6 {
+    let along = ray * ray.transpose();
+    let mut factors = Covariance6::identity() * rotation;
+    factors.fixed_view_mut::<3, 3>(0, 0).copy_from(&(along * depth + (Matrix3::identity() - along) * lateral));
+    factors * covariance * factors
+}
+
+fn ln(value: f64) -> f64 {
+    value.max(LEAST).ln()
+}
+
+/// Standard deviations along the ray to `place` and across it (metres), and of the rotation (radians).
+fn spreads(covariance: &Covariance6, place: &Vector3<f64>) -> [f64; 3] {
+    let ray = place.normalize();
+    let translation = covariance.fixed_view::<3, 3>(0, 0);
+    let along = ray.dot(&(translation * ray));
+    let rotation = covariance.fixed_view::<3, 3>(3, 3).trace();
+    [along, (translation.trace() - along).max(0.0), rotation].map(f64::sqrt)
+}
+
+fn touches_border(region: &BoundingBox, image: &RgbImage) -> bool {
+    let (width, height) = (f64::from(image.width()), f64::from(image.height()));
+    region.x.min(region.y) < BORDER_PX
+        || width - region.x - region.width < BORDER_PX
+        || height - region.y - region.height < BORDER_PX
+}
+
+/// How the pixels of a box look.
+#[derive(Default)]
+struct Pixels {
+    brightness: f64,
+    contrast: f64,
+    saturation: f64,
+    warmth: f64,
+    greenness: f64,
+    /// Mean difference of brightness from the next pixel.
+    step: f64,
+}
+
+impl Pixels {
+    /// Of a grid of pixels in a box; the part of a box outside the image does not count.
+    fn of(image: &RgbImage, region: &BoundingBox) -> Self {
+        let columns = grid(region.x, region.width, image.width());
+        let rows = grid(region.y, region.height, image.height());
+        let (mut sum, mut squares, mut count) = (Self::default(), 0.0, 0.0);
+        for y in rows {
+            for x in columns.clone() {
+                let [red, green, blue] = image.get_pixel(x, y).0.map(|channel| f64::from(channel) / 255.0);
+                let brightness = (red + green + blue) / 3.0;
+                let next =
+                    image.get_pixel((x + 1).min(image.width() - 1), y).0.map(|channel| f64::from(channel) / 255.0);
+                sum.brightness += brightness;
+                squares += brightness * brightness;
+                sum.saturation += red.max(green).max(blue) - red.min(green).min(blue);
+                sum.warmth += red - blue;
+                sum.greenness += green - f64::midpoint(red, blue);
+                sum.step += (next.iter().sum::<f64>() / 3.0 - brightness).abs();
+                count += 1.0;
+            }
+        }
+        if count == 0.0 {
+            return Self::default();
+        }
+        let mean = sum.brightness / count;
+        Self {
+            brightness: mean,
+            contrast: (squares / count - mean * mean).max(0.0).sqrt(),
+            saturation: sum.saturation / count,
+            warmth: sum.warmth / count,
+            greenness: sum.greenness / count,
+            step: sum.step / count,
+        }
+    }
+}
+
+/// Up to [`SAMPLES`] pixels between two places of an image's side.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image")]
+fn grid(from: f64, length: f64, side: u32) -> std::iter::StepBy<std::ops::Range<u32>> {
+    let clamped = |place: f64| place.clamp(0.0, side.into()) as u32;
+    let (first, end) = (clamped(from), clamped(from + length));
+    (first..end).step_by(((end - first).div_ceil(SAMPLES)).max(1) as usize)
+}
