@@ -31,7 +31,7 @@ impl ViewsPicture {
         let to_width = u32::try_from(u64::from(width) * u64::from(to_height) / u64::from(height)).unwrap_or(u32::MAX);
         let to_width = to_width.clamp(1, MAX_ASPECT * to_height);
         let scale = [f64::from(to_width) / f64::from(width), f64::from(to_height) / f64::from(height)];
-        let small = if scale == [1.0, 1.0] {
+        let small = if (to_width, to_height) == (width, height) {
             image.clone()
         } else {
             imageops::resize(image, to_width, to_height, FilterType::Triangle)

@@ -65,16 +65,14 @@ pub(super) async fn views(State(service): State<Arc<Service>>, request: Request)
     let (request, raw) = request.translate()?;
     let checked = service.views(request, images.len())?;
     let captured_at = checked.captured_at.clone();
-    let images = images.into_iter().map(|bytes| image(bytes, raw.clone())).collect::<Result<_, _>>()?;
+    let images = images.into_iter().map(|bytes| image(bytes, raw)).collect::<Result<_, _>>()?;
     let work = ViewsWork { images, body, checked, keep_images: picture.is_some(), deadline };
     let answer = service.estimate_views(work).await?;
-    match picture {
-        Some(format) => draw(answer, format).await,
-        None => {
-            let report = ViewsReport::new(&answer.views, &answer.fused, &service.models, captured_at.as_deref());
-            Ok(Json(report).into_response())
-        }
+    if let Some(format) = picture {
+        return draw(answer, format).await;
     }
+    let report = ViewsReport::new(&answer.views, &answer.fused, &service.models, captured_at.as_deref());
+    Ok(Json(report).into_response())
 }
 
 /// All views in a row, with what was found in them. Their room is kept until the picture has left.

@@ -72,7 +72,7 @@ impl SeveralViews<'_> {
         for count in &splits.views {
             let mut all = Vec::new();
             for ((name, class), points) in names.iter().zip(&classes).zip(&points) {
-                let outcomes = study.outcomes(*class, points, *count, self.asked)?;
+                let outcomes = study.outcomes(*class, points, *count, self.asked);
                 rows.push(Row::of(name, *count, &outcomes));
                 all.extend(outcomes);
             }
@@ -97,14 +97,8 @@ struct Study<'a> {
 }
 
 impl Study<'_> {
-    fn outcomes(
-        &self,
-        class: usize,
-        points: &ModelPoints,
-        count: usize,
-        asked: &Asked,
-    ) -> Result<Vec<Outcome>, Box<dyn Error>> {
-        let Some(model) = &self.library.objects[class] else { return Ok(Vec::new()) };
+    fn outcomes(&self, class: usize, points: &ModelPoints, count: usize, asked: &Asked) -> Vec<Outcome> {
+        let Some(model) = &self.library.objects[class] else { return Vec::new() };
         let ranges = asked.splits.visible_in_views();
         let shots: Vec<&Shot> = self.answered.iter().map(|one| &one.shot).collect();
         let mut random = Rng::with_seed(SEED + count as u64);
@@ -134,7 +128,7 @@ impl Study<'_> {
                 outcomes.push(Outcome::of(model, points, &instance.world_from_object, &cameras, &fused, &wrong));
             }
         }
-        Ok(outcomes)
+        outcomes
     }
 }
 

@@ -86,12 +86,10 @@ impl Instance {
                 };
                 let counts = visible.iter().any(|range| range.contains(truth.visible));
                 let views = if counts { vec![index] } else { Vec::new() };
-                match all.iter_mut().find(same) {
-                    Some(known) => known.views.extend(views),
-                    None => {
-                        let world_from_object = truth.world_from_object;
-                        all.push(Self { scene: shot.scene, world_from_object, views });
-                    }
+                if let Some(known) = all.iter_mut().find(same) {
+                    known.views.extend(views);
+                } else {
+                    all.push(Self { scene: shot.scene, world_from_object: truth.world_from_object, views });
                 }
             }
         }
