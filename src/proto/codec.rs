@@ -101,7 +101,7 @@ mod tests {
             objects: vec!["cube".into(); names],
             ..EstimateRequest::default()
         };
-        let frame = Frame { frame_id: 7, request: Some(request) };
+        let frame = Frame { frame_id: 7, request: Some(request), capture_time: None };
         EstimateStreamRequest { kind: Some(Kind::Frame(frame)) }.encode_to_vec()
     }
 
