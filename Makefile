@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-track films evaluate-films
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -70,6 +70,9 @@ bench: onnxruntime ## Times the solver, the stages around the networks and the e
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
 
+bench-track: onnxruntime ## Compares a stream that tracks with single images (POSED_FILM: a scene; default: the tests').
+	cargo bench --locked --bench track
+
 soak: onnxruntime ## Good, bad, slow and hostile clients at once for SOAK_MINUTES (30); writes docs/benchmarks/soak.md.
 	POSED_BENCH_OUT=docs/benchmarks/soak.md cargo bench --locked --bench soak
 
@@ -122,3 +125,11 @@ fresh-scenes: $(BLENDER)/.done ## Renders fresh scenes of the demo objects into 
 evaluate-fresh: onnxruntime build ## Scores the shipped models on the fresh scenes; writes report.html and report.json there.
 	target/release/posed evaluate cube bracket motor link --split $(FRESH)/single --split $(FRESH)/views \
 		--meshes training/demo/models --detector --html $(FRESH)/report.html --json $(FRESH)/report.json
+
+films: $(VENV)/.done ## Renders a film of a still scene and one with a moving object into $(FRESH) (six minutes on two cores).
+	$(VENV)/bin/posed-train render training/demo/models $(FRESH)/still --scenes 1 --views 300 --first 220000 --film still
+	$(VENV)/bin/posed-train render training/demo/models $(FRESH)/moving --scenes 1 --views 300 --first 220001 --film moving
+
+evaluate-films: onnxruntime build ## Replays the films as streams that track.
+	target/release/posed evaluate cube bracket motor link --split $(FRESH)/still --split $(FRESH)/moving \
+		--meshes training/demo/models --stream

@@ -82,7 +82,7 @@ impl Track {
         id: u64,
         object: usize,
         time_s: f64,
-        measured: (Pose, Covariance6),
+        measured: &(Pose, Covariance6),
         measurement: usize,
         options: &Options,
     ) -> Self {
@@ -95,7 +95,7 @@ impl Track {
             missed: 0,
             born_s: time_s,
             measured_s: time_s,
-            last: measured,
+            last: *measured,
             jumps: None,
             measurement: Some(measurement),
             jumped: false,
@@ -120,7 +120,7 @@ impl Track {
     }
 
     /// Begins anew at a pose, as the same track.
-    pub(super) fn restart(&mut self, time_s: f64, at: (Pose, Covariance6), measurement: usize, options: &Options) {
+    pub(super) fn restart(&mut self, time_s: f64, at: &(Pose, Covariance6), measurement: usize, options: &Options) {
         self.filter = Filter::new(at.0, &at.1, options);
         self.measured(time_s, measurement);
     }

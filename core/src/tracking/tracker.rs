@@ -249,7 +249,7 @@ impl Tracker {
             let count = self.tracks[at].jump(&pose, agrees);
             if count >= CONVINCING_JUMPS && !is_taken {
                 let found = self.first(said);
-                self.tracks[at].restart(time_s, found, *measurement, &self.options);
+                self.tracks[at].restart(time_s, &found, *measurement, &self.options);
             }
             false
         });
@@ -271,7 +271,7 @@ impl Tracker {
             let pose_like_last = self.shapes[said.object].symmetries.nearest(&pose, &last);
             let lever = pose_like_last.translation() - pose.translation();
             let found = (pose_like_last, covariance_about(&covariance, &lever));
-            self.tracks[at].restart(time_s, found, *measurement, &self.options);
+            self.tracks[at].restart(time_s, &found, *measurement, &self.options);
             false
         });
     }
@@ -287,7 +287,7 @@ impl Tracker {
             });
             if said.expected.is_none() && !is_there && live().count() < MAX_TRACKS {
                 let found = self.first(said);
-                let track = Track::new(self.next_id, said.object, time_s, found, *measurement, &self.options);
+                let track = Track::new(self.next_id, said.object, time_s, &found, *measurement, &self.options);
                 self.tracks.push(track);
                 self.next_id += 1;
             }

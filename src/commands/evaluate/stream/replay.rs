@@ -56,7 +56,7 @@ impl Replay<'_> {
         let options = FollowOptions { detect_every: splits.detect_every, ..FollowOptions::default() };
         let mut follower = Follower::new(Arc::clone(self.library), options)?;
         let selection = Selection { objects: Some(self.asked.objects.clone()), ..Selection::ALL };
-        let mut done = self.nothing_of(&scene, views.len());
+        let mut done = Replayed::nothing_of(&scene, views.len());
         let (mut single_time, mut stream_time) = (Duration::ZERO, Duration::ZERO);
         let mut instances: BTreeMap<Key, Vec<Instant>> = BTreeMap::new();
         for view in views {
@@ -93,12 +93,6 @@ impl Replay<'_> {
             }
         }
         Ok(done)
-    }
-
-    fn nothing_of(&self, scene: &Scene, images: usize) -> Replayed {
-        let name = scene.path.file_name().unwrap_or(scene.path.as_os_str());
-        let name = name.to_string_lossy().into_owned();
-        Replayed { scene: name, images, single_s: 0.0, stream_s: 0.0, detected: 0, astray: 0, objects: Vec::new() }
     }
 
     /// What one image showed of each instance; how many live tracks are at none.
@@ -145,5 +139,13 @@ impl Replay<'_> {
             }
         }
         Ok(astray)
+    }
+}
+
+impl Replayed {
+    fn nothing_of(scene: &Scene, images: usize) -> Self {
+        let name = scene.path.file_name().unwrap_or(scene.path.as_os_str());
+        let scene = name.to_string_lossy().into_owned();
+        Self { scene, images, single_s: 0.0, stream_s: 0.0, detected: 0, astray: 0, objects: Vec::new() }
     }
 }
