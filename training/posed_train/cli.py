@@ -11,6 +11,7 @@ import torch
 
 from . import ablate, check, config, cut_off, data, detector, export, pack, quantize, train
 from .bop import DatasetError
+from .onboard import command as onboarding
 from .render import command as rendering
 
 BLENDER_PYTHON = Path(__file__).parents[1] / ".venv-blender/bin/python"
@@ -19,6 +20,7 @@ BLENDER_PYTHON = Path(__file__).parents[1] / ".venv-blender/bin/python"
 def main() -> None:
     parser = argparse.ArgumentParser(prog="posed-train", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    onboarding.add_commands(commands)
 
     render = commands.add_parser("render", help="render random scenes of coloured meshes into a BOP-format folder")
     rendering.add_arguments(render)

@@ -1,0 +1,89 @@
+"""The commands that take a project folder: their options, and what they call."""
+
+import argparse
+from pathlib import Path
+
+from . import printing
+from .from_board import BoardOptions
+from .photos import DEFAULT_MAX_PX
+from .tags import DEFAULT_FAMILY, FAMILIES
+
+
+def add_commands(commands) -> None:
+    add_board(commands.add_parser("board", help="write a board of tags to print and put the object on"))
+    add_new(commands.add_parser("new", help="make a project of photos of an object on a board of tags"))
+
+
+def add_board(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", type=Path, nargs="?", default=Path("board.pdf"), help=".pdf or .svg (board.pdf)")
+    parser.add_argument("--paper", choices=list(printing.PAPERS), default="a4")
+    parser.add_argument("--tag-mm", type=positive, help="side of a tag's black square (fitted to the paper)")
+    parser.add_argument("--family", choices=list(FAMILIES), default=DEFAULT_FAMILY)
+    parser.add_argument("--first", type=int, default=0, help="number of the first tag: another one for a second board")
+    parser.add_argument("--charuco", action="store_true", help="a ChArUco board, without a free middle")
+    parser.add_argument(
+        "--legacy", action="store_true", help="the ChArUco pattern of calib.io and of OpenCV before 4.6"
+    )
+    parser.set_defaults(run=run_board)
+
+
+def run_board(arguments: argparse.Namespace) -> None:
+    if arguments.charuco:
+        sheet = printing.charuco_board(arguments.paper, arguments.legacy, arguments.first)
+    else:
+        sheet = printing.tag_board(arguments.paper, arguments.tag_mm, arguments.first, arguments.family)
+    printing.write_sheet(sheet, arguments.out)
+    print(
+        f"{arguments.out}: {sheet.tags} tags on {arguments.paper}. Print it at 100 % (not fitted to the page), glue it "
+        "to something flat, measure the side of a tag's black square, and give it as --tag-mm"
+    )
+
+
+def add_new(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("project", type=Path, help="new folder, named as the object")
+    parser.add_argument("source", type=Path, help="folder of photos, or a video")
+    parser.add_argument("--objects", nargs="+", default=[], help="names, if several stand on the board")
+    add_board_options(parser)
+    parser.set_defaults(run=run_new)
+
+
+def add_board_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--tag-mm", type=positive, help="measured side of a tag's black square")
+    parser.add_argument(
+        "--span-mm", nargs=3, type=float, metavar=("A", "B", "MM"), help="measured from the middle of tag A to tag B's"
+    )
+    parser.add_argument("--camera", type=Path, help="camera file; without it the photos tell the camera")
+    parser.add_argument("--family", choices=list(FAMILIES), default=DEFAULT_FAMILY)
+    parser.add_argument(
+        "--max-px", type=int, default=DEFAULT_MAX_PX, help="longer side; larger photos are made smaller"
+    )
+    parser.add_argument("--frames", type=int, default=150, help="to take from a video")
+    parser.add_argument("--without", nargs="+", default=[], metavar="PHOTO", help="photos to leave out, by their names")
+
+
+def board_options(arguments: argparse.Namespace) -> BoardOptions:
+    if arguments.tag_mm is None:
+        raise ValueError("--tag-mm: measure the side of a tag's black square on the print and give it")
+    return BoardOptions(
+        tag_mm=arguments.tag_mm,
+        span_mm=tuple(arguments.span_mm) if arguments.span_mm else None,
+        camera=arguments.camera,
+        family=arguments.family,
+        max_px=arguments.max_px,
+        frames=arguments.frames,
+        without=tuple(arguments.without),
+    )
+
+
+def run_new(arguments: argparse.Namespace) -> None:
+    from .new import new_from_board
+
+    print(new_from_board(arguments.project, arguments.objects, arguments.source, board_options(arguments)))
+    print(f"{arguments.project}: next, `posed-train label {arguments.project}`")
+
+
+def positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text}: must be above 0")
+    return value
