@@ -1,11 +1,14 @@
 """Tiny rendered data sets, made once for all tests."""
 
+import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch  # noqa: F401  Before MuJoCo: Mesa's LLVM and Triton's crash in the other order.
 
 MODELS = Path(__file__).parents[1] / "demo" / "models"
 
@@ -37,6 +40,15 @@ OBJECTS_ON_BOARD = ("cube", "motor")
 TAG_MM = 26.0
 
 
+def run(*words) -> None:
+    """A command of posed-train's."""
+    from posed_train import cli
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["posed-train", *map(str, words)])
+        cli.main()
+
+
 @pytest.fixture(scope="session")
 def board_photos(tmp_path_factory) -> BoardPhotos:
     from posed_train.onboard.printing import tag_board
@@ -54,3 +66,54 @@ def board_photos(tmp_path_factory) -> BoardPhotos:
     return BoardPhotos(
         folder, names, sheet, [p.camera_from_world for p in rendered], [p.masks for p in rendered], places
     )
+
+
+def box_of(mask: np.ndarray) -> list[int]:
+    return list(cv2.boundingRect(mask))
+
+
+def whole_in(photos: BoardPhotos, index: int) -> list[int]:
+    """Photos that show an object whole, by the masks."""
+    whole, others = [], [k for k in range(len(photos.masks[0])) if k != index]
+    for number, masks in enumerate(photos.masks):
+        x, y, w, h = box_of(masks[index])
+        around = cv2.dilate(masks[index], np.ones((9, 9)))
+        alone = not any((around & masks[other]).any() for other in others)
+        inside = w and x > 2 and y > 2 and x + w < around.shape[1] - 2 and y + h < around.shape[0] - 2
+        if alone and inside:
+            whole.append(number)
+    return whole
+
+
+@pytest.fixture(scope="session")
+def drawn(board_photos) -> dict:
+    """Boxes as a person draws them, in three photos from three sides."""
+    rng, boxes = np.random.default_rng(2), {}
+    for index, name in enumerate(OBJECTS_ON_BOARD):
+        chosen = whole_in(board_photos, index)[:3]
+        boxes[name] = {
+            "boxes": {
+                board_photos.names[k]: (
+                    np.array(box_of(board_photos.masks[k][index])) + rng.integers(-1, 2, 4)
+                ).tolist()
+                for k in chosen
+            }
+        }
+    return boxes
+
+
+@pytest.fixture(scope="session")
+def labelled(board_photos, drawn, tmp_path_factory) -> Path:
+    """A project of the photos, labelled. Not to be changed: see `project`."""
+    folder = tmp_path_factory.mktemp("projects") / "cube"
+    run("new", folder, board_photos.folder, "--tag-mm", TAG_MM, "--objects", *OBJECTS_ON_BOARD)
+    file = folder.parent / "boxes.json"
+    file.write_text(json.dumps(drawn))
+    run("label", folder, "--box", file)
+    return folder
+
+
+@pytest.fixture
+def project(labelled, tmp_path) -> Path:
+    """A copy of the labelled project."""
+    return Path(shutil.copytree(labelled, tmp_path / "copy"))

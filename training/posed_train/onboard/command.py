@@ -12,6 +12,7 @@ from .tags import DEFAULT_FAMILY, FAMILIES
 def add_commands(commands) -> None:
     add_board(commands.add_parser("board", help="write a board of tags to print and put the object on"))
     add_new(commands.add_parser("new", help="make a project of photos of an object on a board of tags"))
+    add_label(commands.add_parser("label", help="find boxes and masks in all photos, from boxes drawn in three"))
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
@@ -80,6 +81,19 @@ def run_new(arguments: argparse.Namespace) -> None:
 
     print(new_from_board(arguments.project, arguments.objects, arguments.source, board_options(arguments)))
     print(f"{arguments.project}: next, `posed-train label {arguments.project}`")
+
+
+def add_label(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("--box", type=Path, required=True, help="JSON file of drawn boxes")
+    parser.set_defaults(run=run_label)
+
+
+def run_label(arguments: argparse.Namespace) -> None:
+    from .label import label
+
+    print(label(arguments.project, arguments.box))
+    print(f"{arguments.project}: look at pictures/labels-*.jpg; next, `posed-train check {arguments.project}`")
 
 
 def positive(text: str) -> float:

@@ -51,7 +51,7 @@ def render_photos(
     cameras: list[Camera],
     rng: np.random.Generator,
 ) -> Iterator[RenderedPhoto]:
-    lights = [Light(1.5 * direction(angle, 1.0), np.ones(3)) for angle in (0.5, 2.6, 4.7)]
+    lights = [Light(1.5 * direction(angle, 1.0), np.full(3, 0.4)) for angle in (0.5, 2.6, 4.7)]
     engine = Rasteriser(objects, Camouflage(objects, 0))
     engine.open(Layout(world_from_object, 2.0, -0.5, [], lights, [], cameras), rng)
     print_, table = rasterise(sheet, PX_PER_MM), rng.integers(90, 170, (40, 40, 3)).astype(np.uint8)
