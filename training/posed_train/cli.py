@@ -31,9 +31,8 @@ def main() -> None:
     render.set_defaults(run=lazily("run_render"))
 
     checking = commands.add_parser("check", help="tell whether a dataset can teach a keypoint net, before training")
-    checking.add_argument("settings", type=Path, help="train.toml")
-    checking.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
-    checking.set_defaults(run=lazily("run_check"))
+    onboarding.add_check(checking)
+    checking.set_defaults(run=run_check)
 
     packing = commands.add_parser("pack", help="copy what a keypoint net's training needs of a dataset, as small crops")
     packing.add_argument("settings", type=Path, help="train.toml")
@@ -79,3 +78,10 @@ def main() -> None:
         arguments.run(arguments)
     except (DatasetError, ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"posed-train: {error}")
+
+
+def run_check(arguments: argparse.Namespace) -> None:
+    if arguments.settings.suffix == ".toml":
+        lazily("run_check")(arguments)
+    else:
+        onboarding.run_check(arguments)

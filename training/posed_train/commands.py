@@ -10,7 +10,9 @@ import cv2
 import torch
 
 from . import ablate, check, config, cut_off, data, detector, export, pack, quantize, train
+from .onboard.checking import conclude
 from .render import command as rendering
+from .size import parse_size
 
 BLENDER_PYTHON = Path(__file__).parents[1] / ".venv-blender/bin/python"
 
@@ -26,7 +28,15 @@ def run_render(arguments: argparse.Namespace) -> None:
 
 def run_check(arguments: argparse.Namespace) -> None:
     settings = config.load(arguments.settings, config.KeypointConfig)
-    print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
+    if arguments.data is None:
+        raise ValueError("--data: give the folder that the paths in train.toml start from")
+    size_mm = parse_size(arguments.size_mm) if arguments.size_mm else None
+    report = check.check(data.read_photoreal(settings, arguments.data), settings.poses, size_mm)
+    print(report)
+    if settings.backgrounds:
+        size = data.design(settings.network).input_size
+        print(f"backgrounds: {len(data.read_backgrounds(arguments.data / settings.backgrounds, size))}")
+    conclude(report.problems)
 
 
 def run_pack(arguments: argparse.Namespace) -> None:
@@ -61,7 +71,8 @@ def use_threads(count: int | None) -> None:
 def run_keypoints(arguments: argparse.Namespace) -> None:
     use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
-    print(check.check(data.read_photoreal(settings, arguments.data), settings.poses))
+    report = check.check(data.read_photoreal(settings, arguments.data), settings.poses)
+    print("\n".join([str(report), *(f"warning: {problem}" for problem in report.problems)]))
     net, views, scores, step = train.train(
         settings, arguments.data, arguments.runs / settings.name, arguments.init, arguments.workers
     )

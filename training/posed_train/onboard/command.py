@@ -96,6 +96,19 @@ def run_label(arguments: argparse.Namespace) -> None:
     print(f"{arguments.project}: look at pictures/labels-*.jpg; next, `posed-train check {arguments.project}`")
 
 
+def add_check(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("settings", type=Path, help="project folder, or train.toml")
+    parser.add_argument("--data", type=Path, help="folder that the paths in train.toml start from")
+    parser.add_argument("--object", help="of the project; all, if none is given")
+    parser.add_argument("--size-mm", help="length x width x height by a ruler, as 54x54x120")
+
+
+def run_check(arguments: argparse.Namespace) -> None:
+    from .checking import check_project
+
+    check_project(arguments.settings, arguments.object, arguments.size_mm)
+
+
 def positive(text: str) -> float:
     value = float(text)
     if not 0 < value < 1e6:
