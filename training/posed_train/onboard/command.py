@@ -42,8 +42,17 @@ def run_board(arguments: argparse.Namespace) -> None:
 
 def add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("project", type=Path, help="new folder, named as the object")
-    parser.add_argument("source", type=Path, help="folder of photos, or a video")
-    parser.add_argument("--objects", nargs="+", default=[], help="names, if several stand on the board")
+    parser.add_argument("source", type=Path, nargs="?", help="folder of photos, or a video")
+    parser.add_argument("--objects", nargs="+", default=[], help="names, if there are several")
+    poses = parser.add_mutually_exclusive_group()
+    poses.add_argument("--transforms", type=Path, help="transforms.json of nerfstudio or instant-ngp")
+    poses.add_argument("--colmap", type=Path, help="folder of a COLMAP model, text or binary")
+    poses.add_argument("--poses", type=Path, help="rows: image x y z qx qy qz qw (or rx ry rz) of a robot's flange")
+    poses.add_argument("--bop", type=Path, help="BOP split or scene with camera poses")
+    poses.add_argument("--pairs", type=Path, help="stereo pairs with their relative poses")
+    parser.add_argument("--unit-mm", type=positive, help="of the poses' translations: 1000 for metres")
+    parser.add_argument("--distance", type=Path, help="two points clicked in two photos each, and their distance")
+    parser.add_argument("--flange-from-camera", help="x y z qx qy qz qw, in the unit of --poses; else by the tags")
     add_board_options(parser)
     parser.set_defaults(run=run_new)
 
@@ -77,10 +86,22 @@ def board_options(arguments: argparse.Namespace) -> BoardOptions:
 
 
 def run_new(arguments: argparse.Namespace) -> None:
-    from .new import new_from_board
+    from . import new
+    from .importing import import_posed
 
-    print(new_from_board(arguments.project, arguments.objects, arguments.source, board_options(arguments)))
-    print(f"{arguments.project}: next, `posed-train label {arguments.project}`")
+    project, names = arguments.project, arguments.objects
+    if arguments.bop:
+        print(new.new_from_bop(project, names, arguments.bop))
+    elif arguments.transforms or arguments.colmap or arguments.poses or arguments.pairs:
+        imported, source = import_posed(arguments)
+        print(new.new_from_poses(project, names, imported, source))
+    elif arguments.source is None:
+        raise ValueError(
+            "give a folder of photos or a video, or poses by --transforms, --colmap, --poses, --bop, --pairs"
+        )
+    else:
+        print(new.new_from_board(project, names, arguments.source, board_options(arguments)))
+    print(f"{project}: next, `posed-train label {project}`")
 
 
 def add_label(parser: argparse.ArgumentParser) -> None:

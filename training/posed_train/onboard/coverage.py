@@ -78,7 +78,7 @@ def table(rows: Sequence[Row], seen: Coverage) -> str:
         ("distance, m", seen.distance_m, "{:.2f}"),
         ("height, degrees", seen.elevation_deg, "{:.0f}"),
     )
-    lines = [f"{len(rows)} photos           least    median      most"]
+    lines = [f"{f'{len(seen.distance_m)} photos':<20}    least    median      most"]
     for name, values, form in columns:
         if len(values):
             least, median, most = (form.format(f(values)) for f in (np.min, np.median, np.max))

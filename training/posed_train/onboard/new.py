@@ -10,6 +10,7 @@ import numpy as np
 from ..bop import DatasetError
 from .coverage import Coverage, coverage, draw_coverage, draw_sheet, table, thumbnail
 from .from_board import BoardOptions, Imported, import_board
+from .from_bop import copy_labels, read_bop
 from .project import SPLIT, create, new_folder
 from .scene import write_scene
 
@@ -30,6 +31,46 @@ def new_from_board(folder: Path, names: list[str], source: Path, options: BoardO
             text = fill(part, imported, "000000")
             project.folder = part
             project.save()
+    return text
+
+
+def new_from_poses(folder: Path, names: list[str], imported: list[Imported], source: dict) -> str:
+    """Of photos that have poses already, a scene for each of `imported`."""
+    project = create(folder, names)
+    if sum(len(scene.shots) for scene in imported) < LEAST_SHOTS:
+        raise DatasetError(too_few(imported[0]))
+    with new_folder(folder) as part:
+        texts = add_scenes(part, imported)
+        project.sources += [{"scene": f"{k:06d}"} | source for k in range(len(imported))]
+        project.folder = part
+        project.save()
+    return texts
+
+
+def add_scenes(folder: Path, imported: list[Imported]) -> str:
+    if len(imported) == 1:
+        return fill(folder, imported[0], "000000")
+    for number, scene in enumerate(imported):
+        write_scene(scene.shots, folder / SPLIT / f"{number:06d}")
+    return f"{sum(len(scene.shots) for scene in imported)} photos in {len(imported)} components"
+
+
+def new_from_bop(folder: Path, names: list[str], source: Path) -> str:
+    """With the boxes, masks and poses of as many objects as names are given, in the order of their numbers."""
+    scenes = read_bop(source)
+    ids = sorted(set().union(*(scene.obj_ids for scene in scenes)))
+    project = create(folder, names)
+    if ids and len(ids) != len(project.items):
+        raise DatasetError(f"{source} has objects {', '.join(map(str, ids))}: give as many names with --objects")
+    new_ids = dict(zip(ids, (item.obj_id for item in project.items)))
+    imported = [Imported(scene.shots, []) for scene in scenes]
+    with new_folder(folder) as part:
+        text = add_scenes(part, imported)
+        for number, scene in enumerate(scenes):
+            copy_labels(scene, part / SPLIT / f"{number:06d}", new_ids)
+        project.sources += [{"scene": f"{k:06d}", "source": str(source), "by": "bop"} for k in range(len(scenes))]
+        project.folder = part
+        project.save()
     return text
 
 
