@@ -35,6 +35,14 @@ class BoardPhotos:
     masks: list[list[np.ndarray]]
     world_from_object: list[np.ndarray]
 
+    @property
+    def matrix(self) -> np.ndarray:
+        from posed_train.render.layout import CAMERA_MATRIX
+
+        return CAMERA_MATRIX
+
+    width, height = 640, 480
+
 
 OBJECTS_ON_BOARD = ("cube", "motor")
 TAG_MM = 26.0

@@ -1,25 +1,24 @@
 """Poses written as other tools write them come back the same."""
 
 import json
-import shutil
-import struct
 
 import numpy as np
 import pytest
 from conftest import OBJECTS_ON_BOARD, TAG_MM, run
-from poses import differences, scene_poses
 from scipy.spatial.transform import Rotation
 
+from benches.formats import (
+    FLANGE_FROM_CAMERA,
+    write_camera,
+    write_colmap_binary,
+    write_colmap_text,
+    write_robot,
+    write_transforms,
+    wxyz,
+)
+from benches.poses import differences, scene_poses
 from posed_train import bop
-from posed_train.render.layout import CAMERA_MATRIX, HEIGHT, WIDTH
-
-FX, FY, CX, CY = CAMERA_MATRIX[0, 0], CAMERA_MATRIX[1, 1], CAMERA_MATRIX[0, 2], CAMERA_MATRIX[1, 2]
-OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-
-
-def wxyz(pose):
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
-    return [w, x, y, z]
+from posed_train.render.layout import CAMERA_MATRIX
 
 
 def check_same(project, photos, scale=1.0, degrees=0.001, millimetres=0.01):
@@ -29,62 +28,6 @@ def check_same(project, photos, scale=1.0, degrees=0.001, millimetres=0.01):
     assert turned.max() < degrees and moved.max() < millimetres and abs(by - scale) < 0.02 * millimetres
     camera = json.loads((project / "train/000000/scene_camera.json").read_text())["0"]
     np.testing.assert_allclose(np.array(camera["cam_K"]).reshape(3, 3), CAMERA_MATRIX, atol=1e-6)
-
-
-def write_transforms(photos, path, unit=1.0, **more):
-    frames = []
-    for name, pose in zip(photos.names, photos.camera_from_world):
-        world_from_opengl = np.linalg.inv(OPENGL @ pose)
-        world_from_opengl[:3, 3] /= unit
-        frames.append({"file_path": f"images/{name}", "transform_matrix": world_from_opengl.tolist()})
-    values = {"fl_x": FX, "fl_y": FY, "cx": CX + 0.5, "cy": CY + 0.5, "w": WIDTH, "h": HEIGHT, "frames": frames}
-    path.write_text(json.dumps(values | more))
-    shutil.copytree(photos.folder, path.parent / "images", dirs_exist_ok=True)
-
-
-def write_colmap_text(photos, folder):
-    folder.mkdir(parents=True)
-    (folder / "cameras.txt").write_text(f"# cameras\n1 PINHOLE {WIDTH} {HEIGHT} {FX} {FY} {CX + 0.5} {CY + 0.5}\n")
-    lines = ["# images"]
-    for number, (name, pose) in enumerate(zip(photos.names, photos.camera_from_world), 1):
-        numbers = " ".join(repr(float(v)) for v in [*wxyz(pose), *pose[:3, 3]])
-        lines += [f"{number} {numbers} 1 {name}", "" if number % 2 else "10.5 20.5 -1"]
-    (folder / "images.txt").write_text("\n".join(lines) + "\n")
-
-
-def write_colmap_binary(photos, folder):
-    folder.mkdir(parents=True)
-    simple = struct.pack("<IiQQ4d", 7, 1, WIDTH, HEIGHT, FX, FY, CX + 0.5, CY + 0.5)
-    (folder / "cameras.bin").write_bytes(struct.pack("<Q", 1) + simple)
-    data = struct.pack("<Q", len(photos.names))
-    for number, (name, pose) in enumerate(zip(photos.names, photos.camera_from_world), 1):
-        data += struct.pack("<I7dI", number, *wxyz(pose), *pose[:3, 3], 7) + name.encode() + b"\0"
-        data += struct.pack("<Q", 2) + struct.pack("<ddqddq", 1, 2, -1, 3, 4, 5)
-    (folder / "images.bin").write_bytes(data)
-
-
-def write_camera(path):
-    path.write_text(json.dumps({"width": WIDTH, "height": HEIGHT, "fx": FX, "fy": FY, "cx": CX, "cy": CY}))
-    return path
-
-
-FLANGE_FROM_CAMERA = np.eye(4)
-FLANGE_FROM_CAMERA[:3, :3] = Rotation.from_euler("xyz", [10, -20, 95], degrees=True).as_matrix()
-FLANGE_FROM_CAMERA[:3, 3] = 0.03, -0.05, 0.11
-BASE_FROM_WORLD = np.eye(4)
-BASE_FROM_WORLD[:3, :3] = Rotation.from_euler("xyz", [2, 1, 40], degrees=True).as_matrix()
-BASE_FROM_WORLD[:3, 3] = 0.6, 0.1, -0.02
-
-
-def write_robot(photos, path, unit=1.0, vectors=False):
-    lines = ["image,x,y,z,..."]
-    for name, pose in zip(photos.names, photos.camera_from_world):
-        flange = BASE_FROM_WORLD @ np.linalg.inv(FLANGE_FROM_CAMERA @ pose)
-        turn = Rotation.from_matrix(flange[:3, :3])
-        values = [*(flange[:3, 3] / unit), *(turn.as_rotvec() if vectors else turn.as_quat())]
-        lines.append(",".join([name, *(repr(float(v)) for v in values)]))
-    path.write_text("\n".join(lines))
-    return path
 
 
 def test_transforms_come_back(board_photos, tmp_path):
@@ -104,7 +47,7 @@ def test_colmap_comes_back(board_photos, tmp_path, write):
 def test_a_robots_poses_come_back(board_photos, tmp_path, vectors):
     rows, camera = (
         write_robot(board_photos, tmp_path / "rows.csv", 0.001, vectors),
-        write_camera(tmp_path / "camera.json"),
+        write_camera(board_photos, tmp_path / "camera.json"),
     )
     x, y, z, w = Rotation.from_matrix(FLANGE_FROM_CAMERA[:3, :3]).as_quat().tolist()
     shift = " ".join(repr(float(v)) for v in 1000 * FLANGE_FROM_CAMERA[:3, 3])
@@ -114,7 +57,10 @@ def test_a_robots_poses_come_back(board_photos, tmp_path, vectors):
 
 
 def test_tags_tell_where_the_camera_is_on_the_flange(board_photos, tmp_path, capsys):
-    rows, camera = write_robot(board_photos, tmp_path / "rows.csv"), write_camera(tmp_path / "camera.json")
+    rows, camera = (
+        write_robot(board_photos, tmp_path / "rows.csv"),
+        write_camera(board_photos, tmp_path / "camera.json"),
+    )
     run("new", tmp_path / "cube", board_photos.folder, "--poses", rows, "--camera", camera, "--tag-mm", TAG_MM)
     check_same(tmp_path / "cube", board_photos, degrees=0.05, millimetres=0.3)
     assert "camera on the flange by 30 photos" in capsys.readouterr().out
@@ -137,7 +83,7 @@ def test_bop_comes_back_with_its_labels(labelled, tmp_path):
 
 
 def test_pairs_are_components(board_photos, tmp_path):
-    write_camera(tmp_path / "camera.json")
+    write_camera(board_photos, tmp_path / "camera.json")
     pairs = []
     for k in range(0, 10, 2):
         right_from_left = board_photos.camera_from_world[k + 1] @ np.linalg.inv(board_photos.camera_from_world[k])

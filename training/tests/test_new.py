@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import OBJECTS_ON_BOARD, TAG_MM
 from PIL import Image
-from poses import differences, scene_poses
 
+from benches.poses import differences, scene_poses
 from posed_train import bop, cli
 from posed_train.onboard import tags
 from posed_train.render.layout import CAMERA_MATRIX, HEIGHT, WIDTH
