@@ -1,5 +1,5 @@
-"""Scores `new` and `label --box` on photos of things on a board whose truth is known: a BOP scene, of which the commands
-see the photos alone. Prints a table for docs/benchmarks/own-object.md.
+"""Scores `new` and `label --box` on photos of things on a board whose truth is known: a BOP scene, of which the
+commands see the photos alone. Prints a table for docs/benchmarks/own-object.md.
 
     .venv/bin/python -m benches.own_object SCENE [--keep FOLDER]
 """

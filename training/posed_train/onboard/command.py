@@ -12,6 +12,7 @@ from .tags import DEFAULT_FAMILY, FAMILIES
 def add_commands(commands) -> None:
     add_board(commands.add_parser("board", help="write a board of tags to print and put the object on"))
     add_new(commands.add_parser("new", help="make a project of photos of an object on a board of tags"))
+    add_train(commands.add_parser("train", help="train keypoint nets and a detector for one or more projects"))
     add_label(commands.add_parser("label", help="find boxes and masks in all photos, from boxes drawn in three"))
 
 
@@ -128,6 +129,28 @@ def run_check(arguments: argparse.Namespace) -> None:
     from .checking import check_project
 
     check_project(arguments.settings, arguments.object, arguments.size_mm)
+
+
+def add_train(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("projects", type=Path, nargs="+", help="project folders; their objects share a detector")
+    parser.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
+    parser.add_argument("--steps", type=int, default=6000, help="of each keypoint net")
+    parser.add_argument("--detector-steps", type=int, default=1500)
+    parser.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
+    parser.add_argument("--workers", type=int, default=0, help="processes that prepare batches; a GPU needs several")
+    parser.add_argument("--threads", type=int)
+    parser.set_defaults(run=run_train)
+
+
+def run_train(arguments: argparse.Namespace) -> None:
+    from ..commands import use_threads
+    from .training import Plan, train_projects
+
+    if min(arguments.steps, arguments.detector_steps) < 1:
+        raise ValueError("--steps and --detector-steps: at least 1")
+    use_threads(arguments.threads)
+    plan = Plan(arguments.models, arguments.steps, arguments.detector_steps, arguments.workers)
+    train_projects(arguments.projects, plan, arguments.init)
 
 
 def positive(text: str) -> float:

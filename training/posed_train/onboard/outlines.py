@@ -8,7 +8,7 @@ the hull's outline, right for all other shapes.
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -49,6 +49,8 @@ class Shape:
     hull: Hull | None
     agreement: float
     """IoU of the masks' boxes with the drawn ones."""
+    consistency: float
+    """IoU of the masks with the shape's own outlines."""
 
     def project(self, frame: Frame, window: Window) -> np.ndarray:
         if self.hull is not None:
@@ -135,15 +137,23 @@ def find_shape(drawn: Drawn, solid: Solid, frames: Sequence[Frame], read: Read) 
     sample = spread(frames, solid, SAMPLE)
     boxes = drawn.in_frames(list(frames)) or [(frame, bounds(solid, frame)) for frame in spread(frames, solid, TOLD)]
     judged = [frame for frame, _ in boxes]
-    straight = look(judged, read, solid, near_outline(Shape(solid, None, 0).project, BAND_OF_SOLID))
-    ways = [Shape(solid, None, agreement(straight, boxes))]
+    judged += [frame for frame in sample[::3] if frame.image_id not in {one.image_id for one in judged}]
+    plain = Shape(solid, None, 0, 0)
+    ways = [judge(plain, look(judged, read, solid, near_outline(plain.project, BAND_OF_SOLID)), boxes)]
     hull = find_hull(boxes, solid, [*sample, *judged], read)
     if hull is not None:
-        around = voxels.around(hull, solid)
-        carved = look(judged, read, around, near_outline(hull.project, BAND_OF_HULL))
-        ways.append(Shape(around, hull, agreement(carved, boxes)))
-    # The simpler one, unless the other is clearly better: drawn boxes are a pixel or two off.
-    return ways[-1] if ways[-1].agreement > ways[0].agreement + CLEARLY else ways[0]
+        shape = Shape(voxels.around(hull, solid), hull, 0, 0)
+        ways.append(judge(shape, look(judged, read, shape.solid, near_outline(hull.project, BAND_OF_HULL)), boxes))
+    simple, other = ways[0], ways[-1]
+    better = other.agreement > simple.agreement + CLEARLY
+    alike = other.agreement > simple.agreement - CLEARLY
+    # Drawn boxes are a pixel or two off: where they do not tell, the colours do, which follow the right outline.
+    return other if better or (alike and other.consistency > simple.consistency + CLEARLY) else simple
+
+
+def judge(shape: Shape, seen: list[Seen], boxes: list[tuple[Frame, np.ndarray]]) -> Shape:
+    alike = [overlap(mask, shape.project(frame, window)) for frame, window, mask in seen]
+    return replace(shape, agreement=agreement(seen, boxes), consistency=float(np.median(alike)) if alike else 0.0)
 
 
 def find_hull(boxes: list[tuple[Frame, np.ndarray]], solid: Solid, sample: Sequence[Frame], read: Read) -> Hull | None:
