@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from conftest import run
+from conftest import TAG_MM, run
 
-from posed_train import data, export, train
+from posed_train import bop, data, export, train
 from posed_train.bop import DatasetError
 from posed_train.config import KeypointConfig
 from posed_train.onboard.symmetry import motions
@@ -28,6 +28,28 @@ def test_a_project_trains_without_settings(project, tmp_path, capsys):
     before = (project / "runs/cube/log.csv").read_text()
     run(*words)
     assert (project / "runs/cube/log.csv").read_text() == before
+
+
+def test_more_photos_are_a_scene_of_their_own(project, board_photos, drawn, tmp_path, capsys):
+    """Photos of another day: under other names, labelled by themselves."""
+    more = tmp_path / "more"
+    more.mkdir()
+    for name in board_photos.names:
+        (more / f"B_{name}").write_bytes((board_photos.folder / name).read_bytes())
+    before = (project / "train/000000/scene_gt.json").read_bytes()
+    run("add", project, more, "--tag-mm", TAG_MM)
+    assert "scene 000001 added" in capsys.readouterr().out
+    boxes = {"cube": {"boxes": {f"B_{name}": box for name, box in drawn["cube"]["boxes"].items()}}}
+    (tmp_path / "boxes.json").write_text(json.dumps(boxes))
+    run("label", project, "--box", tmp_path / "boxes.json")
+    views = bop.read_views(project / "train", 1)
+    assert {view.scene for view in views} == {"000000", "000001"}
+    assert (project / "train/000000/scene_gt.json").read_bytes() == before
+    run("check", project, "--object", "cube")
+    assert "in 2 components" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="no such folder"):
+        run("add", project, tmp_path / "nowhere", "--tag-mm", TAG_MM)
+    assert not (project / "train/000002").exists()
 
 
 def test_projects_of_one_object_name_are_refused(project, tmp_path):

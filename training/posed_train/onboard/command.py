@@ -12,6 +12,7 @@ from .tags import DEFAULT_FAMILY, FAMILIES
 def add_commands(commands) -> None:
     add_board(commands.add_parser("board", help="write a board of tags to print and put the object on"))
     add_new(commands.add_parser("new", help="make a project of photos of an object on a board of tags"))
+    add_add(commands.add_parser("add", help="more photos of a project's objects: another room, or another side down"))
     add_train(commands.add_parser("train", help="train keypoint nets and a detector for one or more projects"))
     add_label(commands.add_parser("label", help="find boxes and masks in all photos, from boxes drawn in three"))
 
@@ -103,6 +104,24 @@ def run_new(arguments: argparse.Namespace) -> None:
     else:
         print(new.new_from_board(project, names, arguments.source, board_options(arguments)))
     print(f"{project}: next, `posed-train label {project}`")
+
+
+def add_add(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("source", type=Path, help="folder of photos, or a video")
+    add_board_options(parser)
+    parser.set_defaults(run=run_add)
+
+
+def run_add(arguments: argparse.Namespace) -> None:
+    from .new import add_from_board
+
+    scene, text = add_from_board(arguments.project, arguments.source, board_options(arguments))
+    print(text)
+    print(
+        f"{arguments.project}: scene {scene} added. Draw boxes in three of its photos, `posed-train label`, then "
+        "`posed-train train` goes on from the net that exists"
+    )
 
 
 def add_label(parser: argparse.ArgumentParser) -> None:

@@ -118,7 +118,8 @@ def label_scene(project: Project, scene: Scene, values: dict) -> str:
     ]
     for item, solid in zip(items, solids):
         item.solid, item.size_mm = solid.kind, [round(float(1000 * side), 1) for side in solid.size]
-    write_labels(scene, [item.obj_id for item in items], solids, labels)
+    # The object's frame is that of its box in the first scene: elsewhere nothing tells which of the box's sides is which.
+    write_labels(scene, [item.obj_id for item in items], solids, labels, scene.folder == project.scenes[0])
     replace_text(kept, json.dumps(values, indent=1))
     project.save()
     draw_labels(scene.frames, solids, labels, project.folder / "pictures" / f"labels-{scene.folder.name}.jpg")
@@ -133,7 +134,9 @@ def label_all(frames: Sequence[Frame], shapes: Sequence[Shape]) -> list[list[Lab
         return list(pool.map(lambda frame: label_photo(frame, read_image(frame), shapes), frames))
 
 
-def write_labels(scene: Scene, obj_ids: list[int], solids: list[Solid], labels: list[list[Label]]) -> None:
+def write_labels(
+    scene: Scene, obj_ids: list[int], solids: list[Solid], labels: list[list[Label]], with_poses: bool
+) -> None:
     """Masks first, under another name; then they and the annotations take the old ones' place."""
     masks = scene.folder / "mask_visib.part"
     shutil.rmtree(masks, ignore_errors=True)
@@ -144,7 +147,7 @@ def write_labels(scene: Scene, obj_ids: list[int], solids: list[Solid], labels: 
         for index, (obj_id, solid, one) in enumerate(zip(obj_ids, solids, row)):
             write_mask(masks / f"{frame.image_id:06d}_{index:06d}.png", one.mask)
             pose = frame.camera_from_standing @ solid.standing_from_box
-            poses[str(frame.image_id)].append({"obj_id": obj_id} | pose_entry(pose, "m2c"))
+            poses[str(frame.image_id)].append({"obj_id": obj_id} | (pose_entry(pose, "m2c") if with_poses else {}))
             infos[str(frame.image_id)].append(info(one))
     shutil.rmtree(scene.folder / "mask_visib", ignore_errors=True)
     os.replace(masks, scene.folder / "mask_visib")

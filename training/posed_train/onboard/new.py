@@ -11,7 +11,7 @@ from ..bop import DatasetError
 from .coverage import Coverage, coverage, draw_coverage, draw_sheet, table, thumbnail
 from .from_board import BoardOptions, Imported, import_board
 from .from_bop import copy_labels, read_bop
-from .project import SPLIT, create, new_folder
+from .project import SPLIT, create, load, new_folder
 from .scene import write_scene
 
 LEAST_SHOTS = 8
@@ -32,6 +32,27 @@ def new_from_board(folder: Path, names: list[str], source: Path, options: BoardO
             project.folder = part
             project.save()
     return text
+
+
+def add_from_board(folder: Path, source: Path, options: BoardOptions) -> tuple[str, str]:
+    """More photos of a project's objects, on a board again, as a scene of their own: the scene and what to print."""
+    project = load(folder)
+    names = (
+        [int(scene.name) for scene in project.split.iterdir() if scene.name.isdigit()] if project.split.is_dir() else []
+    )
+    scene = f"{max(names, default=-1) + 1:06d}"
+    with tempfile.TemporaryDirectory(prefix="posed-frames-") as scratch:
+        imported = import_board(source, options, Path(scratch))
+        if len(imported.shots) < LEAST_SHOTS:
+            raise DatasetError("\n  ".join([too_few(imported), *imported.doubts[:MAX_DOUBTS_SHOWN]]))
+        project.sources.append({"scene": scene, "source": str(source), "by": "board", "tag_mm": options.tag_mm})
+        with new_folder(project.split / scene) as part:
+            write_scene(imported.shots, part / "scene")
+            for path in (part / "scene").iterdir():
+                path.rename(part / path.name)
+            (part / "scene").rmdir()
+        project.save()
+    return scene, show(folder, imported, scene)
 
 
 def new_from_poses(folder: Path, names: list[str], imported: list[Imported], source: dict) -> str:
@@ -83,6 +104,11 @@ def fill(folder: Path, imported: Imported, scene: str) -> str:
     write_scene(imported.shots, folder / SPLIT / scene)
     if imported.camera is not None:
         (folder / "camera.json").write_text(json.dumps(imported.camera.as_dict(), indent=2) + "\n")
+    return show(folder, imported, scene)
+
+
+def show(folder: Path, imported: Imported, scene: str) -> str:
+    """Draws a scene's pictures; returns what to print."""
     seen = look_from(imported)
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)

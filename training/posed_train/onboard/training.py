@@ -135,7 +135,6 @@ def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> 
     root = plan.models / ".detector"
     labels = [item.name for _, item, _ in work]
     gather([(project, item.obj_id, number) for number, (project, item, _) in enumerate(work, 1)], root / SPLIT)
-    first = work[0][0]
     (root / "backgrounds").mkdir(exist_ok=True)
     for project in {project.folder: project for project, _, _ in work}.values():
         for path in (project.folder / "backgrounds").glob("*.jpg"):
@@ -149,9 +148,7 @@ def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> 
         backgrounds="backgrounds",
         steps=plan.detector_steps,
     )
-    start = run_folder(first, work[0][1]) / "checkpoint.pt"
-    out = root / f"run-{'-'.join(labels)}"
-    model = detector.train(settings, root, out, None if (out / "checkpoint.pt").exists() else start)
+    model = detector.train(settings, root, root / f"run-{'-'.join(labels)}")
     summary = {"steps": settings.steps, "validation": {}}
     export.export_detector(model.cpu(), labels, plan.models / "detector", summary, settings.score_threshold)
 
