@@ -146,6 +146,8 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     if resumed:
         trainer.resume(checkpoint, DEVICE)
         read_joined(joined_before, views)
+    elif init is not None and config.loss == "component" and join_components(views, trainer.average):
+        write_joined(joined_before, views)
     best = Best(out / "best.pt", resumed)
     data = Data(config, root, views)
     validator = Validator(config, root, views)

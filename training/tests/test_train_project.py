@@ -9,6 +9,8 @@ from conftest import TAG_MM, run
 from posed_train import bop, data, export, train
 from posed_train.bop import DatasetError
 from posed_train.config import KeypointConfig
+from posed_train.onboard import project as projects
+from posed_train.onboard import training
 from posed_train.onboard.symmetry import motions
 
 
@@ -47,6 +49,13 @@ def test_more_photos_are_a_scene_of_their_own(project, board_photos, drawn, tmp_
     assert (project / "train/000000/scene_gt.json").read_bytes() == before
     run("check", project, "--object", "cube")
     assert "in 2 components" in capsys.readouterr().out
+    # A training goes on from that of the scenes before, in a folder of its own.
+    settings = projects.load(project)
+    out, start = training.run_folders(settings, settings.item("cube"), views)
+    assert out == project / "runs/cube-2" and start is None
+    (project / "runs/cube").mkdir(parents=True)
+    (project / "runs/cube/checkpoint.pt").write_bytes(b"x")
+    assert training.run_folders(settings, settings.item("cube"), views)[1] == project / "runs/cube/checkpoint.pt"
     with pytest.raises(SystemExit, match="no such folder"):
         run("add", project, tmp_path / "nowhere", "--tag-mm", TAG_MM)
     assert not (project / "train/000002").exists()

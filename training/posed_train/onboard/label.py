@@ -118,7 +118,7 @@ def label_scene(project: Project, scene: Scene, values: dict) -> str:
     ]
     for item, solid in zip(items, solids):
         item.solid, item.size_mm = solid.kind, [round(float(1000 * side), 1) for side in solid.size]
-    # The object's frame is that of its box in the first scene: elsewhere nothing tells which of the box's sides is which.
+    # Its frame is that of its box in the first scene: elsewhere nothing tells which of the box's sides is which.
     write_labels(scene, [item.obj_id for item in items], solids, labels, scene.folder == project.scenes[0])
     replace_text(kept, json.dumps(values, indent=1))
     project.save()

@@ -78,7 +78,8 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
         symmetries_discrete=motions(item.symmetries),
         steps=plan.steps,
     )
-    out = run_folder(project, item)
+    out, before = run_folders(project, item, views)
+    init = init or before
     net, placed, _, step = training.train(settings, project.folder, out, init, plan.workers)
     held_out = spread(net, placed)
     summary = {"network": settings.network, "steps": plan.steps, "best_step": step, "views": len(views)}
@@ -88,8 +89,12 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
     print(f"{item.name}: {describe(held_out)}")
 
 
-def run_folder(project: Project, item: Item) -> Path:
-    return project.folder / "runs" / item.name
+def run_folders(project: Project, item: Item, views: list[View]) -> tuple[Path, Path | None]:
+    """One for each number of scenes; and the checkpoint of the training before scenes were added, to go on from."""
+    scenes = len({view.scene for view in views})
+    folders = [project.folder / "runs" / (item.name if k == 1 else f"{item.name}-{k}") for k in range(1, scenes + 1)]
+    trained = [folder / "checkpoint.pt" for folder in folders[:-1] if (folder / "checkpoint.pt").exists()]
+    return folders[-1], trained[-1] if trained else None
 
 
 def spread(net, placed) -> dict[str, float]:
