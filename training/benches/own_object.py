@@ -122,7 +122,7 @@ def score_importers(truth: Truth, scene: Path, folder: Path) -> None:
         "robot": (truth.folder, "--poses", rows, "--camera", camera, "--flange-from-camera", told),
         "BOP": ("--bop", scene, "--objects", *sorted(OBJ_IDS, key=OBJ_IDS.get)),
     }.items():
-        project = folder / f"by-{name.replace(', ', '-')}"
+        project = folder / f"by-{name.lower().replace(', ', '-')}"
         command("new", project, *words)
         found = scene_poses(project / "train/000000")
         degrees, millimetres, scale = differences([found[n] for n in truth.names], truth.camera_from_world)

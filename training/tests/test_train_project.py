@@ -1,6 +1,7 @@
 """One command from a labelled project to models; short, so that only the way is tested, not the accuracy."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ def test_a_project_trains_without_settings(project, tmp_path, capsys):
         assert manifest["training"]["held_out"]["photos"] > 2
     assert json.loads((models / "detector/detector.json").read_text())["labels"] == ["cube", "motor"]
     printed = capsys.readouterr().out
-    assert "held-out photos agree" in printed and "120 backgrounds" in printed
+    assert "held-out photos agree" in printed
+    assert int(re.search(r"cube: (\d+) backgrounds", printed)[1]) > 70, "textures, and crops of the photos"
     assert (project / "runs/cube/sheet.png").exists()
     # It goes on from where it was: nothing is left to do.
     before = (project / "runs/cube/log.csv").read_text()
