@@ -56,34 +56,62 @@ def image_path(scene_dir: Path, image_id: int) -> Path:
 def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: int = MIN_BOX_PX) -> list[View]:
     """All views of one object in a BOP split (a folder of scene folders), in a stable order."""
     views = []
-    for scene_dir in sorted(p for p in split.iterdir() if (p / "scene_gt_info.json").exists()):
+    for scene_dir in scene_folders(split):
         poses, infos, cameras = (read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera"))
         for key in sorted(poses, key=int):
-            for index, (pose, info) in enumerate(zip(poses[key], infos[key], strict=True)):
-                x, y, w, h = info["bbox_visib"]
-                if pose["obj_id"] != obj_id or info["visib_fract"] < min_visible or min(w, h) < min_box_px:
-                    continue
-                mask = scene_dir / "mask_visib" / f"{int(key):06d}_{index:06d}.png"
-                views.append(
-                    View(
-                        split=str(split),
-                        scene=scene_dir.name,
-                        image_id=int(key),
-                        image_path=image_path(scene_dir, int(key)),
-                        mask_path=mask if mask.exists() else None,
-                        camera_matrix=np.array(cameras[key]["cam_K"]).reshape(3, 3),
-                        camera_from_object=stated_pose(pose, "m2c"),
-                        camera_from_world=stated_pose(cameras[key], "w2c"),
-                        box=(x, y, w, h),
-                        visible_fraction=info["visib_fract"],
-                    )
+            rows = infos.get(key, [])
+            if len(rows) != len(poses[key]):
+                raise DatasetError(
+                    f"{scene_dir}: image {key} has {len(poses[key])} objects in scene_gt.json, {len(rows)} in "
+                    "scene_gt_info.json"
                 )
+            for index, (pose, info) in enumerate(zip(poses[key], rows)):
+                if pose.get("obj_id") != obj_id:
+                    continue
+                view = read_view(scene_dir, int(key), index, pose, info, cameras.get(key))
+                if view.visible_fraction >= min_visible and min(view.box[2:]) >= min_box_px:
+                    views.append(view)
     if not views:
         raise DatasetError(f"{split}: no usable view of object {obj_id}")
     return views
 
 
+def scene_folders(split: Path) -> list[Path]:
+    """Those that are finished."""
+    if not split.is_dir():
+        raise DatasetError(f"{split}: no such folder")
+    return sorted(p for p in split.iterdir() if (p / "scene_gt_info.json").exists())
+
+
+def read_view(scene_dir: Path, image_id: int, index: int, pose: dict, info: dict, camera: dict | None) -> View:
+    """One entry of `scene_gt.json`; a missing `visib_fract` means that all of the object is seen."""
+    where = f"{scene_dir}: image {image_id}"
+    if camera is None:
+        raise DatasetError(f"{where} is in scene_gt.json, but not in scene_camera.json")
+    box = info.get("bbox_visib")
+    if not isinstance(box, list) or len(box) != 4:
+        raise DatasetError(f"{where}: scene_gt_info.json has no bbox_visib [x, y, w, h] for object {pose['obj_id']}")
+    matrix = camera.get("cam_K")
+    if not isinstance(matrix, list) or len(matrix) != 9:
+        raise DatasetError(f"{where}: scene_camera.json has no cam_K of 9 numbers")
+    mask = scene_dir / "mask_visib" / f"{image_id:06d}_{index:06d}.png"
+    return View(
+        split=str(scene_dir.parent),
+        scene=scene_dir.name,
+        image_id=image_id,
+        image_path=image_path(scene_dir, image_id),
+        mask_path=mask if mask.exists() else None,
+        camera_matrix=np.array(matrix, float).reshape(3, 3),
+        camera_from_object=stated_pose(pose, "m2c"),
+        camera_from_world=stated_pose(camera, "w2c"),
+        box=tuple(box),
+        visible_fraction=info.get("visib_fract", 1.0),
+    )
+
+
 def rigid(rotation: list[float], translation_mm: list[float]) -> np.ndarray:
+    if len(rotation) != 9 or len(translation_mm) != 3:
+        raise DatasetError(f"a pose needs 9 numbers of rotation and 3 of translation, not {rotation}, {translation_mm}")
     pose = np.eye(4)
     pose[:3, :3] = np.array(rotation).reshape(3, 3)
     pose[:3, 3] = np.array(translation_mm) * METRES_PER_MILLIMETRE

@@ -1,10 +1,11 @@
 """Tells, before hours are spent, whether a dataset can teach a keypoint net, and refuses what cannot work."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from PIL import Image
 
+from . import agreement
 from .bop import DatasetError, View
 from .registration import Component, find_components, locate, rays_in_component
 
@@ -37,6 +38,10 @@ class Report:
     box_px: tuple[float, float, float]
     """Smallest, median and largest longer side of a box."""
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """On masks, and on how well the boxes fit the poses."""
+    problems: list[str] = field(default_factory=list)
+    """What must be mended."""
 
     def __str__(self) -> str:
         smallest, median, largest = self.box_px
@@ -53,11 +58,15 @@ class Report:
             )
         if len(self.components) > 10:
             lines.append(f"          ... and {len(self.components) - 10} more")
-        return "\n".join(lines + [f"warning: {warning}" for warning in self.warnings])
+        lines += self.notes + [f"warning: {warning}" for warning in self.warnings]
+        return "\n".join(lines)
 
 
-def check(views: list[View], source: str) -> Report:
-    """Raises DatasetError for what cannot work."""
+def check(
+    views: list[View], source: str, size_mm: Sequence[float] | None = None, up: np.ndarray | None = None
+) -> Report:
+    """Raises DatasetError for what cannot work at all. `size_mm` is the object's by a ruler, `up` the direction away
+    from the board through the origin of each scene that it stands on."""
     check_cameras(views)
     components = find_components(views, source)
     if len(components[0].views) < 2:
@@ -72,6 +81,9 @@ def check(views: list[View], source: str) -> Report:
             f"learned. Move the camera at least {MIN_BASELINE_DEG:.0f} degrees around the object"
         )
     wide = [component for component, angle in zip(components, angles) if angle >= MIN_BASELINE_DEG]
+    notes, problems = agree(views, wide, source, size_mm, up)
+    if problems and not can_be_described(wide, views):
+        raise DatasetError("\n  ".join(["the dataset cannot be used:", *problems]))
     reports = [describe(component, views) for component in wide]
     sizes = np.array([report.size_m for report in reports])
     if sizes.max() > 3 * sizes.min():
@@ -81,29 +93,54 @@ def check(views: list[View], source: str) -> Report:
         )
     sides = np.array([max(view.box[2:]) for view in views])
     report = Report(len(views), reports, (sides.min(), float(np.median(sides)), sides.max()))
+    report.notes, report.problems = notes, problems
     warn(report, len(components) - len(reports))
     return report
 
 
+def agree(
+    views: list[View], components: list[Component], source: str, size_mm: Sequence[float] | None, up: np.ndarray | None
+) -> tuple[list[str], list[str]]:
+    """Notes and problems: whether poses, boxes, masks and the size agree."""
+    masks, mask_problems = agreement.masks_found(views)
+    notes, problems, sized = [masks], [], False
+    for component in components:
+        problems += agreement.rotations(views, component)
+        if source != "camera":  # the order of photos, and still scenes, are camera poses' alone
+            continue
+        found, seen, shown = agreement.boxes_meet(views, component)
+        problems += agreement.whose_order(found, bool(mask_problems))
+        if seen is not None and not sized:  # the largest component tells enough
+            sized = True
+            notes.append(agreement.describe_meeting(seen))
+            if size_mm and not found and can_be_described([component], views):
+                words, problem = agreement.size_agrees([views[k] for k in shown], seen, size_mm, up)
+                notes.append(words)
+                problems += [problem] if problem else []
+    return notes, problems + mask_problems
+
+
+def can_be_described(components: list[Component], views: list[View]) -> bool:
+    try:
+        return bool([describe(component, views) for component in components])
+    except DatasetError:
+        return False
+
+
 def check_cameras(views: list[View]) -> None:
-    """That each scene's camera parameters fit its images, and boxes lie inside them."""
-    sizes: dict[tuple[str, str], tuple[int, int]] = {}
-    for view in views:
-        scene = (view.split, view.scene)
-        if scene not in sizes:
-            with Image.open(view.image_path) as image:
-                sizes[scene] = image.size
-        width, height = sizes[scene]
+    """That each image's camera parameters fit it, and boxes lie inside it."""
+    for view, (width, height) in zip(views, agreement.image_sizes(views)):
         fx, fy, cx, cy = (view.camera_matrix[i, j] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
         if not (0.2 * width < cx < 0.8 * width and 0.2 * height < cy < 0.8 * height and min(fx, fy) > 0.2 * width):
             raise DatasetError(
                 f"{view.image_path}: cam_K (fx {fx:.0f}, fy {fy:.0f}, cx {cx:.0f}, cy {cy:.0f}) does not fit an image "
-                f"of {width}x{height} px; was the image resized after the camera was calibrated?"
+                f"of {width:.0f}x{height:.0f} px; was the image resized after the camera was calibrated?"
             )
         x, y, w, h = view.box
         if x < 0 or y < 0 or x + w > width or y + h > height:
             raise DatasetError(
-                f"{view.image_path}: bbox_visib {list(view.box)} reaches outside the image of {width}x{height} px"
+                f"{view.image_path}: bbox_visib {list(view.box)} reaches outside the image of "
+                f"{width:.0f}x{height:.0f} px"
             )
 
 

@@ -111,9 +111,9 @@ def held_out(photoreal: list[bop.View], registration: Registration, config: Keyp
     scenes = sorted({(view.split, view.scene) for view in photoreal})
     last = set(scenes[len(scenes) - config.held_out_scenes :]) if len(scenes) >= 2 * config.held_out_scenes else set()
     placed = [index for index in range(len(photoreal)) if index in registration.placed]
-    if last:
-        return [index for index in placed if (photoreal[index].split, photoreal[index].scene) in last]
-    return placed[:: config.held_out_every]
+    chosen = [index for index in placed if (photoreal[index].split, photoreal[index].scene) in last]
+    # Scenes whose components are placed later, by the net itself, cannot tell how good it is; nor can none.
+    return chosen or placed[:: config.held_out_every]
 
 
 class Data:

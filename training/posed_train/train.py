@@ -1,6 +1,7 @@
 """The training loop of a keypoint net."""
 
 import copy
+import json
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from .heatmap import Decode
 from .losses import heatmap_loss, soft_argmax
 from .network import KeypointNet
 from .pictures import Log, draw_curves, draw_sheet
-from .registration import JOIN_DISTANCE_OF_SIZE, JOIN_ROTATION_DEG, consensus, join
+from .registration import JOIN_DISTANCE_OF_SIZE, JOIN_ROTATION_DEG, Component, consensus, join
 from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
@@ -141,8 +142,12 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
     resumed = checkpoint.exists()
+    joined_before = out / "joined.json"
     if resumed:
         trainer.resume(checkpoint, DEVICE)
+        read_joined(joined_before, views)
+    elif init is not None and config.loss == "component" and join_components(views, trainer.average):
+        write_joined(joined_before, views)
     best = Best(out / "best.pt", resumed)
     data = Data(config, root, views)
     validator = Validator(config, root, views)
@@ -174,6 +179,7 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
                 bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
                 draw_progress(views, trainer.average, out)
                 if joined := join_components(views, trainer.average):
+                    write_joined(joined_before, views)
                     data.add_placed()
                     batches = load(source, data, config, trainer.step, workers)
                     bar.write(f"step {trainer.step}: {joined} more components placed")
@@ -217,6 +223,31 @@ def join_components(views: Views, model: KeypointNet) -> int:
     predictions = predict_views(predictor(model, views.heights), [views.all[index] for index in waiting])
     poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
     return join(views.registration, dict(zip(waiting, poses)))
+
+
+def write_joined(path: Path, views: Views) -> None:
+    """Where the net placed components, so that a training that goes on keeps them."""
+    placed = {
+        name_of(views, component): component.component_from_keypoints.ravel().tolist()
+        for component in views.registration.components[1:]
+        if component.component_from_keypoints is not None
+    }
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(placed))
+    part.replace(path)
+
+
+def read_joined(path: Path, views: Views) -> None:
+    placed = bop.read_json(path) if path.exists() else {}
+    for component in views.registration.components:
+        pose = placed.get(name_of(views, component))
+        if pose is not None and component.component_from_keypoints is None:
+            views.registration.place(component, np.array(pose).reshape(4, 4))
+
+
+def name_of(views: Views, component: Component) -> str:
+    """By its first image."""
+    return str(views.all[component.views[0]].image_path)
 
 
 def augmentation_fade(progress: float) -> float:

@@ -124,8 +124,13 @@ def store(manifest: Path, trust: dict) -> None:
     write_manifest(manifest, entries | ({"training": training} if training is not None else {}))
 
 
-def collect(lines: Iterable[dict]) -> Views:
-    lines = [line for line in lines if line["evidence"] and line["image_nees"] and line["nees"]]
+def usable(lines: Iterable[dict]) -> list[dict]:
+    """Those of views that got a pose."""
+    return [line for line in lines if line["evidence"] and line["image_nees"] and line["nees"]]
+
+
+def collect(lines: list[dict]) -> Views:
+    """Of usable lines."""
     if not lines:
         raise DatasetError("no view got a pose: there is nothing to fit trust on")
     names = list(lines[0]["evidence"])
@@ -228,12 +233,14 @@ def held_out_probabilities(views: Views, ridge: float) -> np.ndarray:
     return found
 
 
-def fit_trust(views: Views) -> tuple[dict[str, dict], dict]:
-    """`trust` of each object's `object.json`, and figures of the fit."""
+def fit_trust(views: Views, common: np.ndarray | None = None) -> tuple[dict[str, dict], dict]:
+    """`trust` of each object's `object.json`, and figures of the fit. `common` are the views without special trouble: they
+    settle the threshold (all, by default)."""
+    common = np.ones(len(views.right), bool) if common is None else common
     chosen = {part: choose(views, part) for part in (*PARTS, "probability")}
     fits = {part: fit(views, part, ridge) for part, (ridge, *_) in chosen.items()}
     unseen = held_out_probabilities(views, chosen["probability"][0])
-    ok_probability = round(threshold(unseen, views.right), 4)
+    ok_probability = round(threshold(unseen[common], views.right[common]), 4)
     ranges = {name: [round(float(end), 5) for end in ends] for name, ends in zip(views.names, views.ranges)}
 
     def of_object(name: str) -> dict:
@@ -246,13 +253,14 @@ def fit_trust(views: Views) -> tuple[dict[str, dict], dict]:
             "ok_probability": ok_probability,
         }
 
-    ok = unseen >= ok_probability
+    ok, right = unseen[common] >= ok_probability, views.right[common]
     figures = {
         "views": len(views.right),
-        "right": int(views.right.sum()),
+        "views of the threshold": len(right),
+        "right": int(right.sum()),
         "ok": int(ok.sum()),
-        "ok but wrong": int((ok & ~views.right).sum()),
-        "right and ok": int((ok & views.right).sum()),
+        "ok but wrong": int((ok & ~right).sum()),
+        "right and ok": int((ok & right).sum()),
         "from": ok_probability,
         **{f"loss of {part}": (round(best, 3), round(alone, 3)) for part, (_, best, alone) in chosen.items()},
     }

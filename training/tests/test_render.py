@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from posed_train import bop, cli, registration
+from posed_train import bop, commands, registration
 from posed_train.render.dataset import render_dataset
 from posed_train.render.objects import choose_objects, load_objects
 from posed_train.render.rasteriser import Rasteriser
@@ -40,9 +40,9 @@ def test_rasterised_poses_and_boxes_agree(rendered):
     check_boxes(rendered / "train")
 
 
-@pytest.mark.skipif(not cli.BLENDER_PYTHON.exists(), reason="`make render-env` was not run")
+@pytest.mark.skipif(not commands.BLENDER_PYTHON.exists(), reason="`make render-env` was not run")
 def test_photoreal_poses_and_boxes_agree(tmp_path):
-    command = [cli.BLENDER_PYTHON, "-m", "posed_train.render.command", MODELS, tmp_path / "train"]
+    command = [commands.BLENDER_PYTHON, "-m", "posed_train.render.command", MODELS, tmp_path / "train"]
     subprocess.run([*command, "--engine", "cycles", "--scenes", "1", "--views", "4", "--first", "3"], check=True)
     check_boxes(tmp_path / "train")
 

@@ -46,7 +46,7 @@ def test_what_says_nothing_gets_no_weight():
     made = lines(60, dict.fromkeys(trust.PARTS, (0.0, 0.0)))
     for line in made:
         line["right"] = int(line["scene"]) % 3 > 0
-    views = trust.collect(made)
+    views = trust.collect(trust.usable(made))
     ridge, held_out, constant_alone = trust.choose(views, "depth")
     assert np.abs(trust.fit(views, "depth", ridge).weights).max() < 0.2
     assert held_out <= constant_alone

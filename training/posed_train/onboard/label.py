@@ -1,0 +1,196 @@
+"""`posed-train label`: boxes drawn in a few photos become boxes, masks and poses in all of a scene's."""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from ..bop import DatasetError, image_path, pose_entry, read_json, stated_pose, write_mask
+from . import project as projects
+from .coverage import draw_sheet, thumbnail
+from .drawn import parse, read_file
+from .outlines import Label, Shape, find_shape, fit_solid, label_photo, measure
+from .project import Project, replace_text
+from .scene import photo_names
+from .solid import Frame, Solid
+
+DRAWN = "drawn.json"
+LEAST_BOX_PX = 8
+STANDING_FROM_BOARD = np.diag([1.0, -1.0, -1.0, 1.0])
+"""z up: a board's z points into it."""
+COLOURS = ((60, 220, 60), (255, 140, 40), (60, 60, 255), (220, 60, 220), (40, 220, 220), (255, 255, 80))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene of a project in the frame in which things stand."""
+
+    folder: Path
+    frames: list[Frame]
+    grounded: bool
+    """Things stand on z = 0."""
+    standing_from_world: np.ndarray
+
+
+def read_scene(folder: Path, source: dict) -> Scene:
+    cameras, names = read_json(folder / "scene_camera.json"), photo_names(folder)
+    poses = {}
+    for key, entry in cameras.items():
+        poses[key] = stated_pose(entry, "w2c")
+        if poses[key] is None:
+            raise DatasetError(f"{folder / 'scene_camera.json'}: image {key} has no cam_R_w2c and cam_t_w2c")
+    grounded = source.get("by") == "board"
+    standing_from_world = STANDING_FROM_BOARD if grounded else upright(list(poses.values()), source.get("up"))
+    world_from_standing = np.linalg.inv(standing_from_world)
+    frames = []
+    for key in sorted(cameras, key=int):
+        path = image_path(folder, int(key))
+        with Image.open(path) as image:
+            width, height = image.size
+        matrix = np.array(cameras[key]["cam_K"], float).reshape(3, 3)
+        name = names.get(int(key), path.name)
+        frames.append(Frame(int(key), name, path, width, height, matrix, poses[key] @ world_from_standing))
+    return Scene(folder, frames, grounded, standing_from_world)
+
+
+def upright(poses: list[np.ndarray], up: list[float] | None) -> np.ndarray:
+    """`standing_from_world` of a world whose up is told, or else is what photos have upwards in the mean."""
+    z = np.array(up, float) if up else -np.stack(poses)[:, 1, :3].mean(0)
+    if not np.linalg.norm(z) > 1e-6:
+        raise DatasetError("the photos do not tell where up is: give `up = [x, y, z]` under [[photos]] in object.toml")
+    z /= np.linalg.norm(z)
+    x = np.cross([0, 1.0, 0] if abs(z[1]) < 0.9 else [1.0, 0, 0], z)
+    x /= np.linalg.norm(x)
+    turn = np.eye(4)
+    turn[:3, :3] = np.stack([x, np.cross(z, x), z])
+    return turn
+
+
+def read_image(frame: Frame) -> np.ndarray:
+    image = cv2.imread(str(frame.path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise DatasetError(f"{frame.path}: not a readable image")
+    return image
+
+
+def label(folder: Path, drawn_file: Path) -> str:
+    """Labels each scene whose photos the file names; returns what to print."""
+    project = projects.load(folder)
+    scenes = {path.name: read_scene(path, source_of(project, path.name)) for path in project.scenes}
+    photos = {name: {frame.name for frame in scene.frames} for name, scene in scenes.items()}
+    values = read_file(drawn_file)
+    drawn = parse(values, drawn_file, project, set().union(*photos.values()))
+    texts = []
+    for name, scene in scenes.items():
+        mine = {item for item, one in drawn.items() if one.solid is not None or set(one.boxes) <= photos[name]}
+        if mine:
+            texts.append(label_scene(project, scene, {item: values[item] for item in mine}))
+    if not texts:
+        raise DatasetError(f"{drawn_file}: the photos of an object must be of one scene; it mixes several")
+    return "\n".join(texts)
+
+
+def source_of(project: Project, scene: str) -> dict:
+    return next((source for source in project.sources if source.get("scene") == scene), {})
+
+
+def label_scene(project: Project, scene: Scene, values: dict) -> str:
+    """With what was drawn of other objects before: they can be added one by one."""
+    kept = scene.folder / DRAWN
+    values = (read_file(kept) if kept.exists() else {}) | values
+    drawn = parse(values, kept, project, {frame.name for frame in scene.frames})
+    items = [item for item in project.items if item.name in drawn]
+    shapes = []
+    for item in items:
+        solid = fit_solid(drawn[item.name], scene.frames, scene.grounded, item.name)
+        shapes.append(find_shape(drawn[item.name], solid, scene.frames, read_image))
+    labels = label_all(scene.frames, shapes)
+    solids = [
+        drawn[item.name].solid or measure(shape, scene.frames, [row[k] for row in labels], scene.grounded)
+        for k, (item, shape) in enumerate(zip(items, shapes))
+    ]
+    for item, solid in zip(items, solids):
+        item.solid, item.size_mm = solid.kind, [round(float(1000 * side), 1) for side in solid.size]
+    # Its frame is that of its box in the first scene: elsewhere nothing tells which of the box's sides is which.
+    write_labels(scene, [item.obj_id for item in items], solids, labels, scene.folder == project.scenes[0])
+    replace_text(kept, json.dumps(values, indent=1))
+    project.save()
+    draw_labels(scene.frames, solids, labels, project.folder / "pictures" / f"labels-{scene.folder.name}.jpg")
+    return "\n".join(
+        describe(item.name, shape, solid, [row[k] for row in labels])
+        for k, (item, shape, solid) in enumerate(zip(items, shapes, solids))
+    )
+
+
+def label_all(frames: Sequence[Frame], shapes: Sequence[Shape]) -> list[list[Label]]:
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(lambda frame: label_photo(frame, read_image(frame), shapes), frames))
+
+
+def write_labels(
+    scene: Scene, obj_ids: list[int], solids: list[Solid], labels: list[list[Label]], with_poses: bool
+) -> None:
+    """Masks first, under another name; then they and the annotations take the old ones' place."""
+    masks = scene.folder / "mask_visib.part"
+    shutil.rmtree(masks, ignore_errors=True)
+    masks.mkdir()
+    poses, infos = {}, {}
+    for frame, row in zip(scene.frames, labels):
+        poses[str(frame.image_id)], infos[str(frame.image_id)] = [], []
+        for index, (obj_id, solid, one) in enumerate(zip(obj_ids, solids, row)):
+            write_mask(masks / f"{frame.image_id:06d}_{index:06d}.png", one.mask)
+            pose = frame.camera_from_standing @ solid.standing_from_box
+            poses[str(frame.image_id)].append({"obj_id": obj_id} | (pose_entry(pose, "m2c") if with_poses else {}))
+            infos[str(frame.image_id)].append(info(one))
+    shutil.rmtree(scene.folder / "mask_visib", ignore_errors=True)
+    os.replace(masks, scene.folder / "mask_visib")
+    replace_text(scene.folder / "scene_gt.json", json.dumps(poses))
+    replace_text(scene.folder / "scene_gt_info.json", json.dumps(infos))
+
+
+def info(one: Label) -> dict:
+    area = int((one.mask > 0).sum())
+    x, y, w, h = one.box
+    if min(w, h) < LEAST_BOX_PX:
+        return {"bbox_visib": [-1, -1, -1, -1], "px_count_visib": 0, "visib_fract": 0.0}
+    return {"bbox_visib": [x, y, w, h], "px_count_visib": area, "visib_fract": round(one.visible, 4)}
+
+
+def draw_labels(frames: Sequence[Frame], solids: list[Solid], labels: list[list[Label]], path: Path) -> None:
+    """Outlines and boxes of all photos, small, to be looked over in a minute."""
+
+    def one(pair: tuple[Frame, list[Label]]) -> np.ndarray:
+        frame, row = pair
+        image = read_image(frame)
+        thickness = max(1, frame.width // 320)
+        for k, label_ in enumerate(row):
+            outlines, _ = cv2.findContours(label_.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(image, outlines, -1, COLOURS[k % len(COLOURS)], thickness)
+        doubtful = any(label_.visible > 0.5 and label_.agreement < 0.8 for label_ in row)
+        return thumbnail(image, frame.name, doubtful)
+
+    path.parent.mkdir(exist_ok=True)
+    with ThreadPoolExecutor() as pool:
+        draw_sheet(list(pool.map(one, zip(frames, labels))), path)
+
+
+def describe(name: str, shape: Shape, solid: Solid, labels: list[Label]) -> str:
+    seen = [one for one in labels if one.visible > 0.1]
+    whole = sum(one.visible > 0.95 for one in labels)
+    way = "outline of the solid" if shape.hull is None else "visual hull"
+    size = " x ".join(f"{1000 * side:.1f}" for side in solid.size)
+    lines = [
+        f"{name}: {size} mm ({solid.kind}; length, width, height); seen in {len(seen)} photos, whole in {whole}; "
+        f"masks by the {way}, their boxes agree with the drawn ones to {shape.agreement:.0%}"
+    ]
+    poor = sum(one.visible > 0.5 and one.agreement < 0.8 for one in labels)
+    if poor:
+        lines.append(f"  in {poor} photos the colours tell another outline than expected: look at them in the sheet")
+    return "\n".join(lines)

@@ -1,0 +1,192 @@
+"""`posed-train train`: keypoint nets and a detector of one or more projects, without settings to write."""
+
+import json
+import os
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import detector, export
+from .. import train as training
+from ..bop import DatasetError, View, read_json, read_views
+from ..check import check
+from ..config import DetectorConfig, KeypointConfig
+from ..registration import angles_deg, consensus
+from ..validate import predict_views, solve_pose
+from . import project as projects
+from .backgrounds import make_backgrounds
+from .checking import MIN_VISIBLE, up
+from .project import SPLIT, Item, Project
+from .symmetry import motions
+
+SCENES = ("camera", "gt", "gt_info")
+AGREES_DEG, AGREES_M = 20.0, 0.1
+"""Poses of held-out photos within these of the others' mean are counted in the spread."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to train, and where the results go."""
+
+    models: Path
+    steps: int
+    detector_steps: int
+    workers: int
+
+
+def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> None:
+    loaded = [projects.load(folder) for folder in folders]
+    names = [item.name for project in loaded for item in project.items]
+    if len(set(names)) < len(names):
+        raise DatasetError(f"objects {', '.join(sorted(names))}: two of one name; rename one in its object.toml")
+    work = [(project, item, ready(project, item)) for project in loaded for item in project.items]
+    for project, item, views in work:
+        train_keypoints(project, item, views, plan, init)
+    train_detector(work, plan)
+    print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed calibrate`")
+
+
+def ready(project: Project, item: Item) -> list[View]:
+    """Before anything is trained: the views, and what is wrong with them."""
+    try:
+        views = read_views(project.split, item.obj_id, MIN_VISIBLE)
+    except DatasetError as error:
+        raise DatasetError(f"{item.name}: {error}; `posed-train label {project.folder}` first") from None
+    report = check(views, "camera", tuple(item.size_mm) or None, up(project))
+    print(f"{item.name}: {report}")
+    for problem in report.problems:
+        print(f"warning: {item.name}: {problem}")
+    return views
+
+
+def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan, init: Path | None) -> None:
+    boxes = defaultdict(list)
+    for other in project.items:
+        for view in read_views(project.split, other.obj_id, min_box_px=1):
+            boxes[view.image_path].append(view.box)
+    count = make_backgrounds(views, boxes, project.folder / "backgrounds")
+    print(f"{item.name}: {count} backgrounds")
+    settings = KeypointConfig(
+        name=item.name,
+        obj_id=item.obj_id,
+        photoreal=SPLIT,
+        poses="camera",
+        backgrounds="backgrounds",
+        symmetries_discrete=motions(item.symmetries),
+        steps=plan.steps,
+    )
+    out, before = run_folders(project, item, views)
+    init = init or before
+    net, placed, _, step = training.train(settings, project.folder, out, init, plan.workers)
+    held_out = spread(net, placed)
+    summary = {"network": settings.network, "steps": plan.steps, "best_step": step, "views": len(views)}
+    summary |= {"relative_poses": "camera", "held_out": held_out}
+    identity = {"name": item.name, "obj_id": item.obj_id}
+    export.export_keypoints(net.cpu(), placed, plan.models / item.name, identity, summary, settings.symmetries_discrete)
+    print(f"{item.name}: {describe(held_out)}")
+
+
+def run_folders(project: Project, item: Item, views: list[View]) -> tuple[Path, Path | None]:
+    """One for each number of scenes; and the checkpoint of the training before scenes were added, to go on from."""
+    scenes = len({view.scene for view in views})
+    folders = [project.folder / "runs" / (item.name if k == 1 else f"{item.name}-{k}") for k in range(1, scenes + 1)]
+    trained = [folder / "checkpoint.pt" for folder in folders[:-1] if (folder / "checkpoint.pt").exists()]
+    return folders[-1], trained[-1] if trained else None
+
+
+def spread(net, placed) -> dict[str, float]:
+    """How far the poses that the net finds in held-out photos lie from their mean in the scene, where the object stood
+    still: an accuracy that needs no truth. Each in the scene of its photo."""
+    by_scene, found = defaultdict(list), 0
+    held_out = [placed.all[index] for index in placed.held_out]
+    predictions = predict_views(training.predictor(net, placed.heights), held_out)
+    for view, prediction in zip(held_out, predictions):
+        pose = solve_pose(placed.registration.keypoints, prediction)
+        if pose is not None:
+            by_scene[view.split, view.scene].append(np.linalg.inv(view.camera_from_world) @ pose)
+    degrees, millimetres = [], []
+    for poses in by_scene.values():
+        poses = np.stack(poses)
+        mean = consensus(poses, AGREES_DEG, AGREES_M)
+        # Of a symmetric object, the nearest of its equal poses.
+        alike = [poses @ motion for motion in placed.motions]
+        turned = np.stack([angles_deg(one, mean[None])[:, 0] for one in alike])
+        degrees += turned.min(0).tolist()
+        millimetres += (1000 * np.linalg.norm(poses[:, :3, 3] - mean[:3, 3], axis=1)).tolist()
+    found = int(np.sum((np.array(degrees) < AGREES_DEG) & (np.array(millimetres) < 1000 * AGREES_M)))
+    result = {"photos": len(held_out), "agreeing": found}
+    if degrees:
+        result |= {"median_degrees": round(float(np.median(degrees)), 2)}
+        result |= {"median_mm": round(float(np.median(millimetres)), 2)}
+    return result
+
+
+def describe(held_out: dict[str, float]) -> str:
+    words = f"{held_out['agreeing']} of {held_out['photos']} held-out photos agree on the object's place in the scene"
+    if "median_degrees" in held_out:
+        words += f"; spread {held_out['median_degrees']:.1f} degrees, {held_out['median_mm']:.1f} mm in the median"
+    if held_out["agreeing"] < 0.8 * held_out["photos"]:
+        words += (
+            ". That is weak: train longer (--steps), or add photos from where those look that fail (`posed-train add`)"
+        )
+    return words
+
+
+def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> None:
+    """Of all objects together, from one folder in which each has a number of its own."""
+    root = plan.models / ".detector"
+    labels = [item.name for _, item, _ in work]
+    gather([(project, item.obj_id, number) for number, (project, item, _) in enumerate(work, 1)], root / SPLIT)
+    (root / "backgrounds").mkdir(exist_ok=True)
+    for project in {project.folder: project for project, _, _ in work}.values():
+        for path in (project.folder / "backgrounds").glob("*.jpg"):
+            link(path, root / "backgrounds" / f"{project.folder.resolve().name}-{path.name}")
+    settings = DetectorConfig(
+        labels=labels,
+        obj_ids=list(range(1, len(labels) + 1)),
+        photoreal=SPLIT,
+        rasterised="",
+        validation="",
+        backgrounds="backgrounds",
+        steps=plan.detector_steps,
+    )
+    model = detector.train(settings, root, root / f"run-{'-'.join(labels)}")
+    summary = {"steps": settings.steps, "validation": {}}
+    export.export_detector(model.cpu(), labels, plan.models / "detector", summary, settings.score_threshold)
+
+
+def gather(wanted: list[tuple[Project, int, int]], out: Path) -> None:
+    """Links the scenes of several projects into one split; `wanted` says which object gets which number."""
+    new_ids: dict[Path, dict[int, int]] = defaultdict(dict)
+    for project, old, new in wanted:
+        new_ids[project.folder][old] = new
+    number = 0
+    for project in {project.folder: project for project, _, _ in wanted}.values():
+        for scene in project.scenes:
+            folder = out / f"{number:06d}"
+            folder.mkdir(parents=True, exist_ok=True)
+            for sub in ("rgb", "mask_visib"):
+                if (scene / sub).is_dir():
+                    link(scene / sub, folder / sub)
+            for name in SCENES:
+                content = read_json(scene / f"scene_{name}.json")
+                if name == "gt":
+                    content = {
+                        key: [renumbered(one, new_ids[project.folder]) for one in row] for key, row in content.items()
+                    }
+                (folder / f"scene_{name}.json").write_text(json.dumps(content))
+            number += 1
+
+
+def renumbered(entry: dict, new_ids: dict[int, int]) -> dict:
+    """An object that is not wanted gets a number that no object has; its place in the list stays."""
+    return entry | {"obj_id": new_ids.get(entry["obj_id"], 0)}
+
+
+def link(target: Path, path: Path) -> None:
+    if path.is_symlink():
+        path.unlink()
+    os.symlink(target.resolve(), path)
