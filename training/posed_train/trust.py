@@ -234,8 +234,8 @@ def held_out_probabilities(views: Views, ridge: float) -> np.ndarray:
 
 
 def fit_trust(views: Views, common: np.ndarray | None = None) -> tuple[dict[str, dict], dict]:
-    """`trust` of each object's `object.json`, and figures of the fit. `common` are the views without special trouble: they
-    settle the threshold (all, by default)."""
+    """`trust` of each object's `object.json`, and figures of the fit. `common` are the views without special trouble:
+    they settle the threshold (all, by default)."""
     common = np.ones(len(views.right), bool) if common is None else common
     chosen = {part: choose(views, part) for part in (*PARTS, "probability")}
     fits = {part: fit(views, part, ridge) for part, (ridge, *_) in chosen.items()}

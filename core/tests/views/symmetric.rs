@@ -22,7 +22,7 @@ fn views_may_see_different_equals() {
         let seen: Vec<_> = (0..4)
             .map(|view| {
                 let camera = scene.around();
-                let equal = bar.discrete()[(view + problem as usize) % 4];
+                let equal = bar.discrete()[(view + usize::try_from(problem).unwrap()) % 4];
                 scene.see_at(&(pose * equal), &camera, &camera, 1.0)
             })
             .collect();
