@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use fast_image_resize::Resizer;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{
-    Answer, CallerFrames, Detection, Estimate, ObjectPose, SolvedKeypoint, SolvedPose, Timings, Verdict,
+    Answer, CallerFrames, Detection, Estimate, Evidence, ObjectPose, SolvedKeypoint, SolvedPose, Timings, Verdict,
 };
 use posed::model::{ModelsInUse, Provider};
 use posed::server::api::json::{Report, ReportContext};
@@ -84,6 +84,8 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
             outside_lens: 0,
             alternatives: Vec::new(),
             weight: 1.0,
+            evidence: Evidence { pixels: Vec::new(), covariances: Vec::new(), modes: Vec::new() },
+            keypoints_scale: 1.0,
             box_in_camera: [Vector3::zeros(); 8],
         }),
         diameter_m: 0.09,
