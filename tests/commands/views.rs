@@ -127,7 +127,9 @@ fn evaluate_scores_fused_views() {
 fn calibrate(split: &Path, images: &[&str], reference: &Path, extra: &[&str]) -> std::process::Output {
     let scene = split.join("000001");
     let mut arguments = vec!["calibrate", "cube", "--scene", scene.to_str().unwrap()];
-    images.iter().for_each(|image| arguments.extend(["--image", image]));
+    for image in images {
+        arguments.extend(["--image", image]);
+    }
     arguments.extend(["--reference", reference.to_str().unwrap()]);
     run(&[&arguments[..], extra].concat())
 }

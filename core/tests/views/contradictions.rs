@@ -1,5 +1,5 @@
 use nalgebra::{Rotation3, Vector3};
-use posed_core::geometry::Pose;
+use posed_core::geometry::{Pose, Symmetries};
 use posed_core::pnp::Status;
 use posed_core::views::Exclusion;
 
@@ -68,7 +68,8 @@ fn two_views_that_contradict_each_other_are_not_trusted() {
         let views = [(1.0, 0.5), (0.5, 1.0)].map(|trust| {
             let mut views: Vec<_> = seen.iter().map(|seen| scene.view(seen)).collect();
             (views[0].trust, views[1].trust) = trust;
-            posed_core::views::solve_views(&scene.points, &views, &Default::default(), &crate::scene::exact()).unwrap()
+            posed_core::views::solve_views(&scene.points, &views, &Symmetries::default(), &crate::scene::exact())
+                .unwrap()
         });
         for (solution, trusted) in views.iter().zip([0, 1]) {
             assert!(solution.doubts.no_majority && solution.status == Status::LowConfidence, "{problem}");
