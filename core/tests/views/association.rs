@@ -25,7 +25,7 @@ fn tray(scene: &mut Scene, objects: usize, views: usize) -> (Vec<Sighting>, Vec<
     let (mut sightings, mut truth) = (Vec::new(), Vec::new());
     for view in 0..views {
         let side = Vector3::new(scene.normal(), scene.normal(), 1.0);
-        let camera = scene.pose_from_side(&side);
+        let camera = scene.seen_from(&side);
         // In another order in each view.
         for k in 0..objects {
             let object = (k + view * 3) % objects;

@@ -43,10 +43,10 @@ impl Scene {
     /// A camera that looks at about the object, from half a metre to a metre, from a random side.
     pub(crate) fn around(&mut self) -> Pose {
         let direction = Vector3::from_fn(|_, _| self.normal());
-        self.pose_from_side(&direction)
+        self.seen_from(&direction)
     }
 
-    pub(crate) fn pose_from_side(&mut self, direction: &Vector3<f64>) -> Pose {
+    pub(crate) fn seen_from(&mut self, direction: &Vector3<f64>) -> Pose {
         let distance = self.rng.random_range(0.5..0.9);
         let shift = Vector3::from_fn(|_, _| self.normal()) * 0.03;
         let aim = self.world_from_points.translation() + shift;

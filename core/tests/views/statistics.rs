@@ -146,12 +146,6 @@ fn a_view_twice_counts_once() {
         let seen = scene.see(&camera, 1.0);
         let (once, twice) = (scene.solve(std::slice::from_ref(&seen)), scene.solve(&[seen.clone(), seen]));
         assert!(twice.doubts.weak_baseline && !once.doubts.weak_baseline);
-        println!(
-            "{problem} {} {} {:?}",
-            once.chi2,
-            twice.chi2,
-            once.world_from_points.step_to(&twice.world_from_points)
-        );
         let (a, b) = (once.covariance.determinant(), twice.covariance.determinant());
         assert!((a / b - 1.0).abs() < 0.05, "{problem}: {a} {b}");
     }
@@ -168,7 +162,7 @@ fn a_second_view_settles_planar_ambiguity() {
         let side = normal.cross(&Vector3::new(scene.normal(), scene.normal(), scene.normal())).normalize();
         let seen: Vec<_> = [0.3, -0.8]
             .map(|tilt| {
-                let mut camera = scene.pose_from_side(&(normal + side * tilt));
+                let mut camera = scene.seen_from(&(normal + side * tilt));
                 let forward = camera.rotation() * Vector3::z();
                 camera = camera.perturbed(&(-forward * 1.5), &Vector3::zeros());
                 scene.see(&camera, 1.0)

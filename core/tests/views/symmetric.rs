@@ -16,13 +16,13 @@ fn views_may_see_different_equals() {
     let through = Vector3::new(0.02, 0.01, -0.01);
     let bar =
         Symmetries::new(&[half_turn(Vector3::x(), through), half_turn(Vector3::y(), through)], Vec::new()).unwrap();
-    for problem in 0..200 {
+    for (turn, problem) in (0..200).enumerate() {
         let mut scene = Scene::new(50, problem);
         let pose = scene.world_from_points;
         let seen: Vec<_> = (0..4)
             .map(|view| {
                 let camera = scene.around();
-                let equal = bar.discrete()[(view + usize::try_from(problem).unwrap()) % 4];
+                let equal = *bar.discrete().iter().cycle().nth(view + turn).unwrap();
                 scene.see_at(&(pose * equal), &camera, &camera, 1.0)
             })
             .collect();
