@@ -167,7 +167,9 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // Its browsers end with it only where it is asked.
+        // Its own way to end waits for two minutes where the driver is gone already.
+        let _ = self.driver.clone().leak();
+        // The browsers of a driver end with it only where it is asked.
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
             let _ = stream.write_all(b"GET /shutdown HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n");
             let _ = stream.set_read_timeout(Some(Duration::from_secs(10)));
