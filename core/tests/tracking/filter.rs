@@ -100,15 +100,15 @@ fn a_start_and_a_stop_are_followed() {
 /// Where frames come so fast that their errors are alike, a second of them says no more than a second of slow ones.
 #[test]
 fn frames_with_like_errors_do_not_make_it_surer() {
-    let sigma_after = |frames_per_s: f64| {
+    let sigma_after = |frames_per_s: u32| {
         let options = Options { error_memory_s: 0.5, ..Options::default() };
-        let (mut stream, steps) = (Stream::new(options), (4.0 * frames_per_s).round());
-        for frame in 1..=steps as u32 {
-            stream.tracker.update(f64::from(frame) / frames_per_s, &[saw(at(0.0))]).unwrap();
+        let mut stream = Stream::new(options);
+        for frame in 1..=4 * frames_per_s {
+            stream.tracker.update(f64::from(frame) / f64::from(frames_per_s), &[saw(at(0.0))]).unwrap();
         }
         sigmas(&stream.tracker.views()[0].covariance).0
     };
-    let ratio = sigma_after(60.0) / sigma_after(6.0);
+    let ratio = sigma_after(60) / sigma_after(6);
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
 }
 
