@@ -24,8 +24,9 @@ use tonic::Streaming;
 use numbers::{median, spread};
 use process::Server;
 
-/// Images of a round, of each kind: the machine is not equally fast from one minute to the next.
+/// Images of a round, of each kind, and rounds: the machine is not equally fast from one minute to the next.
 const ROUND: usize = 12;
+const ROUNDS: usize = 20;
 
 type Responses = Streaming<posed::proto::EstimateStreamResponse>;
 
@@ -88,7 +89,7 @@ async fn round(
     for _ in 0..count {
         let response = responses.message().await.unwrap().unwrap();
         let Some(FrameResult::Answer(answer)) = response.result else { panic!("a frame failed") };
-        assert_eq!(answer.poses.len(), 1, "the cube is in view");
+        assert!(!answer.poses.is_empty(), "the cube is in view");
         delays_ms.push(answer.timings.map_or(f64::NAN, |timings| timings.total_ms));
     }
     start.elapsed().as_secs_f64()
@@ -104,7 +105,7 @@ async fn measure() {
     let mut time = 0.0;
     // The film to and fro, so that no frame is far from the one before it.
     let there = views.iter().chain(views.iter().rev()).cycle();
-    let images: Vec<&View> = there.take((views.len() * 2).max(20 * ROUND)).collect();
+    let images: Vec<&View> = there.take(ROUNDS * ROUND).collect();
     for some in images.chunks_exact(ROUND) {
         let frames = |times: &mut dyn FnMut() -> Option<f64>| -> Vec<Frame> {
             let frame = |view: &&View| Frame { frame_id: 0, request: Some(request(view)), capture_time: times() };

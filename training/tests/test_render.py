@@ -91,6 +91,32 @@ def test_copies_of_some_objects(tmp_path):
     assert len({view.mask_path for view in views}) == len(views) > 3
 
 
+def poses_in_world(scene: Path) -> np.ndarray:
+    """`[image, object, 4, 4]`, millimetres."""
+
+    def matrix(entry: dict, name: str) -> np.ndarray:
+        rotation, translation = np.reshape(entry[f"cam_R_{name}"], (3, 3)), np.reshape(entry[f"cam_t_{name}"], (3, 1))
+        return np.block([[rotation, translation], [0, 0, 0, 1]])
+
+    cameras = json.loads((scene / "scene_camera.json").read_text())
+    poses = json.loads((scene / "scene_gt.json").read_text())
+    assert len({tuple(camera["cam_t_w2c"]) for camera in cameras.values()}) == len(cameras)
+    return np.array(
+        [[np.linalg.inv(matrix(cameras[view], "w2c")) @ matrix(one, "m2c") for one in poses[view]] for view in cameras]
+    )
+
+
+def test_a_film_goes_past_a_scene(tmp_path):
+    """The camera is elsewhere in every image; in the moving film the first object goes 12 cm, and no other does."""
+    objects = choose_objects(load_objects(MODELS), [1, BRACKET], copies=1)
+    for film, travelled in (("still", 0), ("moving", 120)):
+        render_dataset(Rasteriser, objects, tmp_path / film, scenes=1, views=12, first=6, film=film)
+        check_boxes(tmp_path / film)
+        world = poses_in_world(tmp_path / film / "000006")
+        assert abs(np.linalg.norm(world[-1, 0, :3, 3] - world[0, 0, :3, 3]) - travelled) < 1e-2
+        assert np.abs(world[:, 1] - world[0, 1]).max() < 1e-2
+
+
 def test_refuses_models_that_it_cannot_render(tmp_path):
     with pytest.raises(ValueError, match="no obj_"):
         load_objects(tmp_path)

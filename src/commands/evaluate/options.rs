@@ -81,10 +81,10 @@ pub(super) struct SplitArgs {
     #[arg(long, conflicts_with_all = ["targets", "detector", "estimates", "references_study", "without_truth", "html", "bop"])]
     pub(super) stream: bool,
     /// With `--stream`: images a second. An image's time is its number divided by this.
-    #[arg(long, value_name = "RATE", default_value_t = 30.0, value_parser = rate)]
+    #[arg(long, value_name = "RATE", requires = "stream", default_value_t = 30.0, value_parser = rate)]
     pub(super) fps: f64,
     /// With `--stream`: run the detector on every n-th image.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", requires = "stream", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub(super) detect_every: u32,
 }
 
