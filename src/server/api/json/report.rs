@@ -75,7 +75,9 @@ pub struct PoseReport {
     pub status: StatusForm,
     /// Reasons for a status other than `ok`.
     pub reasons: Vec<ReasonForm>,
-    /// The smallest of the detection score, the share of inliers among the keypoints, and `weight`. 0 for `rejected`.
+    /// The probability that the pose is right: that its mean vertex error is below a tenth of the diameter. For models that do not
+    /// state what their evidence is worth, the smallest of the detection score, the share of inliers among the keypoints, and
+    /// `weight`. 0 for `rejected`.
     pub confidence: f64,
     pub detection: DetectionReport,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
