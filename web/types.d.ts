@@ -48,6 +48,28 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/poses/views": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Returns one pose for each object that several images of one scene show, in the frame that the cameras' poses are known in.
+         * @description The images must show the scene at one moment, or a scene that stands still. Views that contradict the others are left out
+         *     and named. An object that one image shows is answered as that image alone has it. The images wait like those of a
+         *     batch; if one fails, the request fails.
+         */
+        post: operations["views"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/objects": {
         parameters: {
             query?: never;
@@ -315,6 +337,27 @@ export interface components {
             /** @description A point of the xy plane, on the side of positive y. */
             in_xy: number;
         };
+        /** @description One object. Poses are absent if no view has one. */
+        FusedReport: {
+            object: string;
+            status: components["schemas"]["Status"];
+            /** @description Reasons for a status other than `ok`. `views_disagree`, `single_view` and `weak_baseline` can also come with `ok`. */
+            reasons: components["schemas"]["Reason"][];
+            /**
+             * Format: double
+             * @description The largest confidence of a view that the pose rests on, 0..1.
+             */
+            confidence: number;
+            world_from_object?: components["schemas"]["PlacedReport"] | null;
+            /** @description The views that show the object. */
+            views: components["schemas"]["ViewShareReport"][];
+            /**
+             * Format: double
+             * @description Widest angle between the directions from which the pose is seen, degrees.
+             */
+            view_angle_deg: number;
+            scale?: components["schemas"]["ScaleReport"] | null;
+        };
         /** @description The image as decoded. */
         ImageReport: {
             /** Format: int32 */
@@ -375,6 +418,11 @@ export interface components {
             /** Format: double */
             p99: number;
         };
+        /**
+         * @description Why a view is left out.
+         * @enum {string}
+         */
+        LeftOut: "contradicts" | "rejected" | "no_baseline";
         /** @description The limits of the server. Names are those of the settings. */
         LimitsReport: {
             /** @description Maximum size of a request body. */
@@ -393,6 +441,8 @@ export interface components {
             max_pixels: number;
             /** @description Maximum number of images in a request to `/v1/poses/batch`. */
             max_batch_images: number;
+            /** @description Maximum number of images in a request to `/v1/poses/views`. */
+            max_views: number;
             /** @description Maximum number of objects in one image. An answer that reached it has `truncated`. */
             max_detections: number;
             /** @description Maximum number of images that are waiting or in progress. */
@@ -531,7 +581,9 @@ export interface components {
             reasons: components["schemas"]["Reason"][];
             /**
              * Format: double
-             * @description The smallest of the detection score, the share of inliers among the keypoints, and `weight`. 0 for `rejected`.
+             * @description The probability that the pose is right: that its mean vertex error is below a tenth of the diameter. For models that do not
+             *     state what their evidence is worth, the smallest of the detection score, the share of inliers among the keypoints, and
+             *     `weight`. 0 for `rejected`.
              */
             confidence: number;
             detection: components["schemas"]["DetectionReport"];
@@ -571,7 +623,7 @@ export interface components {
          * @description Reason for a status other than `ok`.
          * @enum {string}
          */
-        Reason: "few_inliers" | "high_residual" | "planar_ambiguity" | "box_mismatch" | "weak_keypoints" | "no_pose" | "uncertain_pose" | "too_near" | "camera_suspect" | "grey_image" | "dark_image" | "not_finite";
+        Reason: "few_inliers" | "high_residual" | "planar_ambiguity" | "box_mismatch" | "weak_keypoints" | "no_pose" | "uncertain_pose" | "too_near" | "camera_suspect" | "grey_image" | "dark_image" | "improbable" | "not_finite" | "views_disagree" | "single_view" | "weak_baseline";
         /** @description The known facts about one reference image. */
         ReferenceImage: {
             /** @description Id of a registered camera, or a camera. */
@@ -599,6 +651,11 @@ export interface components {
             sigma_translation_m: number;
             /** Format: double */
             sigma_rotation_rad: number;
+            /**
+             * Format: double
+             * @description What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`posed calibrate --fit-scale`).
+             */
+            keypoints_scale: number;
             views: components["schemas"]["ReferenceViewReport"][];
         };
         /** @description The part `request` of a recalibration: `references` or `clicks`. Unknown fields are an error. */
@@ -655,6 +712,13 @@ export interface components {
             timings_ms: components["schemas"]["TimingsReport"];
             models: components["schemas"]["ModelsReport"];
         };
+        /** @description A factor with its standard deviation. */
+        ScaleReport: {
+            /** Format: double */
+            value: number;
+            /** Format: double */
+            sigma: number;
+        };
         /** @description A solved pose and its evidence. */
         SolvedReport: {
             camera_from_object: components["schemas"]["TransformReport"];
@@ -675,6 +739,11 @@ export interface components {
             keypoints: components["schemas"]["KeypointReport"][];
             /** @description Number of keypoints beyond the domain of the lens model. The pose is computed without them. */
             keypoints_outside_lens: number;
+            /**
+             * Format: double
+             * @description What the object's reference multiplies the coordinates of the virtual keypoints by. Present if it is not 1.
+             */
+            keypoints_scale?: number | null;
             /**
              * Format: double
              * @description Posterior weight of this pose relative to the alternatives, 0..1.
@@ -724,6 +793,87 @@ export interface components {
             translation_m: number[];
             /** @description Homogeneous 4x4 matrix, row-major. */
             matrix: number[][];
+        };
+        /** @description The camera of one image. */
+        View: {
+            /** @description Id of a registered camera, or a camera. */
+            camera: components["schemas"]["CameraChoice"];
+            /** @description Pose of the camera in your world frame. */
+            world_from_camera: components["schemas"]["Pose"];
+            /**
+             * @description 6x6 covariance of `world_from_camera`, row-major: x, y, z (m²), rotation about x, y, z (rad²), along the axes of the world.
+             *     Omit this for standard deviations of 1 mm and 0.1 degrees.
+             */
+            covariance?: number[][] | null;
+        };
+        /** @description The answer to one of the images alone. */
+        ViewReport: {
+            image: components["schemas"]["ImageReport"];
+            /** @description As `POST /v1/poses` returns them. */
+            poses: components["schemas"]["PoseReport"][];
+            /** @description Whether objects may be missing, because the number of detections reached a limit. */
+            truncated: boolean;
+            timings_ms: components["schemas"]["TimingsReport"];
+        };
+        /** @description What one view has to do with a pose. */
+        ViewShareReport: {
+            /** @description Place of the image in the request, from 0. */
+            view: number;
+            /** @description Place of the object among the `poses` of this view, from 0. */
+            pose: number;
+            /** @description Whether the pose rests on this view. */
+            used: boolean;
+            left_out?: components["schemas"]["LeftOut"] | null;
+            /**
+             * Format: double
+             * @description Root mean square distance of the keypoints from the projection of the pose, without the outliers of a view in use.
+             */
+            residual_px?: number | null;
+            /** @description Number of keypoints of this view that agree. */
+            inliers: number;
+            camera_from_object?: components["schemas"]["TransformReport"] | null;
+        };
+        /** @description The poses of the objects that several images show. */
+        ViewsReport: {
+            /**
+             * @description The frame of the poses: that of the cameras' poses.
+             * @example world: as in world_from_camera; cameras: x right, y down, z forward (OpenCV)
+             */
+            frame: string;
+            /** @example metres, radians, pixels */
+            units: string;
+            /** @description Copy of `captured_at` of the request. */
+            captured_at?: string | null;
+            /** @description One entry for each object. Sorted by status, then by the number of views, then by confidence. */
+            objects: components["schemas"]["FusedReport"][];
+            /** @description One entry for each image, in the order of the request: the answer to it alone. */
+            views: components["schemas"]["ViewReport"][];
+            models: components["schemas"]["ModelsReport"];
+        };
+        /** @description The part `request` of a form with several images. Set `views` or `rig`. Unknown fields are an error. */
+        ViewsRequest: {
+            /** @description One entry for each part `image`, in the same order. */
+            views?: components["schemas"]["View"][] | null;
+            /**
+             * @description Id of a registered rig (`ID.rig.json` in the folder `--cameras`). Send one image for each of its cameras, in their
+             *     order.
+             */
+            rig?: string | null;
+            world_from_rig?: components["schemas"]["Pose"] | null;
+            /** @description Names of the objects to look for. Omit this to look for all calibrated objects. */
+            objects?: string[] | null;
+            /** @description Maximum number of poses of each object in each image. Omit this for no maximum. */
+            max_instances?: number | null;
+            /**
+             * Format: double
+             * @description Minimum confidence in each image, 0..1.
+             */
+            min_confidence?: number | null;
+            /** @description Whether images of another size than their camera's are its full frame, resized. */
+            allow_resize?: boolean;
+            raw?: components["schemas"]["RawLayout"] | null;
+            /** @description Your label for the scene, such as its capture time. The answer repeats it. At most 64 characters. */
+            captured_at?: string | null;
         };
         WorkersReport: {
             /** @description Workers that are ready to process images. */
@@ -1008,6 +1158,135 @@ export interface operations {
                 };
             };
             /** @description The body did not arrive in time, or stalled */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    views: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Time limit for the answer, milliseconds */
+                "x-request-timeout-ms"?: number | null;
+                /** @description `image/png` or `image/jpeg` for a picture of all views side by side */
+                accept?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        /** @description A form with one part `image` for each view, in order, and a part `request` */
+        requestBody: {
+            content: {
+                "multipart/form-data": components["schemas"]["ViewsRequest"];
+            };
+        };
+        responses: {
+            /** @description The poses; an empty list if no object is in view */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ViewsReport"];
+                };
+            };
+            /** @description An image, a camera, a pose or an option is not usable */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server needs a token, and there is none, or an unknown one */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The token lacks the scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A camera, the rig or an object is unknown */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A requested object is not calibrated */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body or an image exceeds a limit, or there are too many images */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description An image format or the content type is not supported */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server is out of room, or the answer would come too late; retry after `Retry-After` */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server failed on these images */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description All workers have failed or hang */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The time limit expired, or the body stalled */
             504: {
                 headers: {
                     [name: string]: unknown;

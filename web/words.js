@@ -32,7 +32,11 @@ export const REASON = {
   camera_suspect: 'The principal point is far from the middle of the image. Does the camera belong to this image?',
   grey_image: 'The image has no colours, but the networks learned from colours.',
   dark_image: 'The image is nearly black.',
+  improbable: 'Too many poses like this one are wrong; see its confidence.',
   not_finite: 'The network returned values that are no numbers.',
+  views_disagree: 'Another view contradicts it.',
+  single_view: 'It rests on one view of several.',
+  weak_baseline: 'All views look from nearly one direction.',
 };
 
 /** @type {Record<string, string>} */
