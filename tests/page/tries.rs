@@ -16,7 +16,6 @@ async fn assert_shown(browser: &Browser, sample: &Sample) {
         let shown = poses.iter().find(|pose| pose.object == known.object);
         let shown = shown.unwrap_or_else(|| panic!("{} is not in {poses:?}", known.object));
         assert!(shown.error(known) < 0.1, "{shown:?}");
-        assert_eq!(shown.status, "ok");
     }
 }
 
@@ -27,7 +26,9 @@ async fn a_sample_is_answered_after_one_click() {
     browser.until("document.querySelectorAll('.thumbnail').length").await;
     browser.click(".thumbnail").await;
     assert_shown(&browser, &samples()[0]).await;
-    browser.until_text("#try-answer", "4 objects, each ok.").await;
+    // The bracket is right, but many that look like it are not.
+    browser.until_text("#try-answer", "4 objects, 3 of them ok.").await;
+    browser.until_text("#try-answer", "Too many poses like this one are wrong").await;
     browser.until_text("#try-answer", "Round trip").await;
     // Pointing at a row changes the picture: the others become faint.
     let picture = "document.querySelector('#try-answer canvas').toDataURL()";
@@ -59,6 +60,7 @@ async fn a_file_is_answered_and_a_wrong_one_explained() {
     browser.until("document.querySelectorAll('.thumbnail').length").await;
     browser.choose("Choose an image", &samples()[1].file).await;
     assert_shown(&browser, &samples()[1]).await;
+    assert!(browser.poses().await.iter().all(|pose| pose.status == "ok"));
 
     // The service's own sentences.
     let client = reqwest::Client::new();
