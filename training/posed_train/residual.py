@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .bop import View
+from .rays import nearest_point
 
 USUAL = 0.065
 """The median of right data is below."""
@@ -75,11 +76,7 @@ def off(seen: Sights, centre: np.ndarray) -> np.ndarray:
 
 def meeting_point(seen: Sights, weights: np.ndarray | None = None) -> np.ndarray:
     """Nearest to all rays, least squares."""
-    origins, directions = seen.rays
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    if weights is not None:
-        across = across * weights[:, None, None]
-    return np.linalg.lstsq(across.sum(0), np.einsum("vij,vj->i", across, origins), rcond=None)[0]
+    return nearest_point(*seen.rays, weights)
 
 
 def middle(seen: Sights) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from ..bop import DatasetError
+from ..rays import nearest_point
 from .coverage import Coverage, coverage, draw_coverage, draw_sheet, table, thumbnail
 from .from_board import BoardOptions, Imported, import_board
 from .from_bop import copy_labels, read_bop
@@ -138,8 +139,7 @@ def look_from(imported: Imported) -> Coverage:
         return coverage(poses, centre, UP_FROM_BOARD)
     stacked = np.stack(poses)
     axes, origins = stacked[:, 2, :3], -np.einsum("vji,vj->vi", stacked[:, :3, :3], stacked[:, :3, 3])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    centre = np.linalg.lstsq(across.sum(0), np.einsum("vij,vj->i", across, origins), rcond=None)[0]
+    centre = nearest_point(origins, axes)
     up = -stacked[:, 1, :3].mean(0)
     return coverage(poses, centre, up / np.linalg.norm(up))
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..bop import DatasetError
+from ..rays import nearest_point
 from .scene import Shot
 from .tags import MIN_TAGS, find_all
 
@@ -30,8 +31,7 @@ def triangulate(seen: Sequence[tuple[Shot, np.ndarray]]) -> np.ndarray | None:
     directions = np.stack(directions)
     if (directions @ directions.T).min() > np.cos(np.radians(LEAST_ANGLE_DEG)):
         return None
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    return np.linalg.solve(across.sum(0), np.einsum("vij,vj->i", across, np.stack(origins)))
+    return nearest_point(np.stack(origins), directions)
 
 
 def by_tags(shots: Sequence[Shot], tag_mm: float, family: str) -> float:
