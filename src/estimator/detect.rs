@@ -84,13 +84,8 @@ fn in_image(candidate: &Candidate, boxed: &Resampled, image: &RgbImage) -> Optio
     let [x1, y1, x2, y2] = candidate.corners;
     // Edges to pixel centres and back: the affine maps centres.
     let edge = |x: f64, y: f64| image_from_input.apply(&Vector2::new(x - 0.5, y - 0.5)).add_scalar(0.5);
-    let (first, last) = (edge(x1, y1).sup(&Vector2::zeros()), edge(x2, y2).inf(&image_size));
-    let size = last - first;
-    (size.min() >= 2.0).then_some(Detection {
-        object: candidate.class,
-        bounding_box: BoundingBox { x: first.x, y: first.y, width: size.x, height: size.y },
-        score: candidate.score.min(1.0),
-    })
+    let bounding_box = BoundingBox::within(&edge(x1, y1), &edge(x2, y2), &image_size)?;
+    Some(Detection { object: candidate.class, bounding_box, score: candidate.score.min(1.0) })
 }
 
 /// Drops what overlaps a stronger detection: of the same class beyond the manifest's threshold, of another class only

@@ -43,8 +43,8 @@ fn gather(
 ) -> Evidence {
     let region = &detection.bounding_box;
     let centre = solution.pose.translation();
-    let extent_px = camera.focal().mean() * diameter_m / centre.z;
-    let shift = camera.project(centre).map_or(1.0, |pixel| (pixel - region.centre()).norm() / region.extent());
+    let (shift, _) = in_box(centre, diameter_m, region, camera).unwrap_or((1.0, 1.0));
+    let extent_px = extent_px(centre, diameter_m, camera);
     let mut peaks = prediction.peaks.clone();
     peaks.sort_by(f64::total_cmp);
     let points = solution.residuals().len().max(1) as f64;
@@ -76,6 +76,23 @@ fn gather(
         greenness: pixels.greenness,
         sharpness: ln(pixels.step / pixels.contrast.max(LEAST)),
     }
+}
+
+/// How far the centre of a pose lies from that of a box, in larger box sides, and how much larger the box is than the object's
+/// extent there. `None` where the camera does not see the centre.
+pub(super) fn in_box(
+    centre: &Vector3<f64>,
+    diameter_m: f64,
+    region: &BoundingBox,
+    camera: &Camera,
+) -> Option<(f64, f64)> {
+    let pixel = camera.project(centre).ok()?;
+    let shift = (pixel - region.centre()).norm() / region.extent();
+    Some((shift, region.extent() / extent_px(centre, diameter_m, camera)))
+}
+
+fn extent_px(centre: &Vector3<f64>, diameter_m: f64, camera: &Camera) -> f64 {
+    camera.focal().mean() * diameter_m / centre.z
 }
 
 /// A pose's covariance with its standard deviations along a ray, across it, and of the rotation multiplied by factors.

@@ -65,7 +65,7 @@ impl Expected {
         let corners = corners.iter().map(pixel).collect::<Option<Vec<_>>>()?;
         let bounding_box = visible_box(&corners, size)?;
         let square = match &manifest.second_look {
-            Some(look) => closer(&pixels, &manifest.keypoints(), look),
+            Some(look) => closer(&pixels, &keypoints, look),
             None => Square::around(&bounding_box),
         };
         let detection = Detection { object: self.object, bounding_box, score: self.score };
@@ -74,10 +74,9 @@ impl Expected {
 }
 
 fn visible_box(pixels: &[Vector2<f64>], size: Vector2<f64>) -> Option<BoundingBox> {
-    let first = pixels.iter().fold(size, |least, pixel| least.inf(pixel)).sup(&Vector2::zeros());
-    let last = pixels.iter().fold(Vector2::zeros(), |most: Vector2<f64>, pixel| most.sup(pixel)).inf(&size);
-    let extent = last - first;
-    (extent.min() >= 2.0).then_some(BoundingBox { x: first.x, y: first.y, width: extent.x, height: extent.y })
+    let first = pixels.iter().fold(size, |least, pixel| least.inf(pixel));
+    let last = pixels.iter().fold(Vector2::zeros(), |most: Vector2<f64>, pixel| most.sup(pixel));
+    BoundingBox::within(&first, &last, &size)
 }
 
 /// What to look at: what is expected, and the detections that it does not explain. `seen` is `None` where no detector looked.

@@ -3,11 +3,11 @@
 use image::RgbImage;
 
 use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedKeypoint, SolvedPose};
-use super::evidence;
+use super::evidence::{self, in_box};
 use super::keypoints::solve;
 use super::verdict::{Reason, Verdict};
 use crate::model::{Evidence, ObjectModel};
-use crate::vision::{BoundingBox, box_corners};
+use crate::vision::box_corners;
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
 use posed_core::pnp::{Solution, Status};
@@ -58,15 +58,16 @@ pub(super) fn object_pose(
         return answer(verdict, None);
     };
     let (evidence, probability) = evidence::judge(manifest, &detection, prediction, &mut solution, image, camera);
-    let pose = SolvedPose { evidence, probability, ..solved_pose(model, offset, &solution, prediction) };
+    let pose = solved_pose(model, offset, &solution, prediction, evidence, probability);
     let mut verdict = Verdict::of(&solution);
     if manifest.trust.as_ref().zip(probability).is_some_and(|(trust, probability)| probability < trust.ok_probability) {
         verdict.object(Reason::Improbable, Status::LowConfidence);
     }
-    if median(&prediction.peaks) < MIN_MEDIAN_PEAK {
+    if evidence.peak < MIN_MEDIAN_PEAK {
         verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }
-    if !agrees_with_box(&solution.pose, manifest.diameter_m, &detection.bounding_box, camera) {
+    let in_box = in_box(solution.pose.translation(), manifest.diameter_m, &detection.bounding_box, camera);
+    if !in_box.is_some_and(|(shift, size)| shift < MAX_CENTRE_SHIFT && BOX_TO_EXTENT.contains(&size)) {
         verdict.object(Reason::BoxMismatch, Status::Rejected);
     }
     if pose.reprojection_rmse_px > MAX_RMSE * detection.bounding_box.extent() {
@@ -87,11 +88,12 @@ fn solved_pose(
     offset: &Offset,
     solution: &Solution,
     prediction: &KeypointPrediction,
+    evidence: Evidence,
+    probability: Option<f64>,
 ) -> SolvedPose {
     let in_user_frame = |pose: &Pose, covariance: &Covariance6| {
         let (pose, covariance) = offset.apply(pose, covariance);
-        let canonical = model.symmetries.canonical(&pose);
-        (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
+        model.symmetries.canonical_with(&pose, &covariance)
     };
     let (camera_from_object, covariance) = in_user_frame(&solution.pose, &solution.covariance);
     let lever = camera_from_object.translation() - solution.pose.translation();
@@ -120,31 +122,15 @@ fn solved_pose(
             modes: Mode::all_of(solution),
         },
         keypoints_scale: offset.keypoints_scale,
-        evidence: Evidence::default(),
-        probability: None,
+        evidence,
+        probability,
         box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale))
             .map(|corner| solution.pose.transform(&corner)),
     }
-}
-
-/// Whether the keypoints' centre lies in the detector's box and the object is as large as the box shows.
-fn agrees_with_box(camera_from_keypoints: &Pose, diameter_m: f64, region: &BoundingBox, camera: &Camera) -> bool {
-    let centre = camera_from_keypoints.translation();
-    camera.project(centre).is_ok_and(|pixel| {
-        let shift = (pixel - region.centre()).norm() / region.extent();
-        let extent_px = camera.focal().mean() * diameter_m / centre.z;
-        shift < MAX_CENTRE_SHIFT && BOX_TO_EXTENT.contains(&(region.extent() / extent_px))
-    })
 }
 
 /// Whether a robot should not act on a pose with this covariance.
 pub(super) fn is_loose(covariance: &Covariance6, diameter_m: f64) -> bool {
     let (translation_m, rotation_rad) = sigmas(covariance);
     translation_m > MAX_SIGMA_TRANSLATION * diameter_m || rotation_rad > MAX_SIGMA_ROTATION_RAD
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }

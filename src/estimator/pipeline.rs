@@ -83,8 +83,16 @@ impl Estimator {
     /// # Errors
     /// When the camera belongs to another image, or a network fails.
     pub fn estimate(&mut self, image: &RgbImage, camera: &Camera) -> Result<Estimate, EstimateError> {
+        self.estimate_frame(&Frame::new(image, camera))
+    }
+
+    /// As [`Estimator::estimate`], with what the frame asks for.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn estimate_frame(&mut self, frame: &Frame<'_>) -> Result<Estimate, EstimateError> {
         // One frame, one answer.
-        self.estimate_all(&[Frame::new(image, camera)]).swap_remove(0)
+        self.estimate_all(std::slice::from_ref(frame)).swap_remove(0)
     }
 
     /// Answers several images, their crops through each keypoint net together. One answer for each frame, in order; a

@@ -95,9 +95,10 @@ impl Library {
     /// With another probability from which on poses are `ok`, for all objects that state what their evidence is worth.
     #[must_use]
     pub fn with_ok_probability(mut self, ok_probability: Option<f64>) -> Self {
-        let trusts = self.objects.iter_mut().flatten().filter_map(|object| object.manifest.trust.as_mut());
-        for (trust, stated) in trusts.zip(std::iter::repeat(ok_probability)) {
-            trust.ok_probability = stated.unwrap_or(trust.ok_probability);
+        if let Some(ok_probability) = ok_probability {
+            for trust in self.objects.iter_mut().flatten().filter_map(|object| object.manifest.trust.as_mut()) {
+                trust.ok_probability = ok_probability;
+            }
         }
         self
     }

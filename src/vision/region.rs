@@ -13,6 +13,15 @@ pub struct BoundingBox {
 }
 
 impl BoundingBox {
+    /// What an image of this size shows of the box between two corners, its edges in pixels; `None` where that is no two pixels
+    /// wide or high.
+    #[must_use]
+    pub fn within(first: &Vector2<f64>, last: &Vector2<f64>, image_size: &Vector2<f64>) -> Option<Self> {
+        let (first, last) = (first.sup(&Vector2::zeros()), last.inf(image_size));
+        let size = last - first;
+        (size.min() >= 2.0).then_some(Self { x: first.x, y: first.y, width: size.x, height: size.y })
+    }
+
     /// The larger side.
     #[must_use]
     pub fn extent(&self) -> f64 {

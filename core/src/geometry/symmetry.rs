@@ -1,6 +1,7 @@
 use nalgebra::{Rotation3, Unit, Vector3};
 use thiserror::Error;
 
+use super::covariance::{Covariance6, covariance_about};
 use super::motion_group::{MAX_GROUP, MEASURED_WITHIN_DEG, MEASURED_WITHIN_MM, SAME, generated, nearest_group};
 use super::pose::{Pose, PoseError};
 use super::rotation::skew;
@@ -143,6 +144,19 @@ impl Symmetries {
     #[must_use]
     pub fn canonical(&self, camera_from_object: &Pose) -> Pose {
         self.nearest(camera_from_object, &Pose::identity())
+    }
+
+    /// [`Symmetries::nearest`] with the covariance that it has: the same step, seen at another origin of the object.
+    #[must_use]
+    pub fn nearest_with(&self, pose: &Pose, covariance: &Covariance6, like: &Pose) -> (Pose, Covariance6) {
+        let nearest = self.nearest(pose, like);
+        (nearest, covariance_about(covariance, &(nearest.translation() - pose.translation())))
+    }
+
+    /// [`Symmetries::canonical`] with the covariance that it has.
+    #[must_use]
+    pub fn canonical_with(&self, pose: &Pose, covariance: &Covariance6) -> (Pose, Covariance6) {
+        self.nearest_with(pose, covariance, &Pose::identity())
     }
 }
 

@@ -125,10 +125,15 @@ impl Track {
         self.measured(time_s, measurement);
     }
 
-    /// A measurement that is too far off: how many of them in a row agree with each other, this one included.
-    pub(super) fn jump(&mut self, pose: &Pose, agrees: impl Fn(&Pose) -> bool) -> u32 {
+    /// Where the newest of the measurements in a row was that were too far off.
+    pub(super) fn jumped_to(&self) -> Option<&Pose> {
+        self.jumps.as_ref().map(|(pose, _)| pose)
+    }
+
+    /// A measurement that is too far off, and may agree with the one before: how many do in a row, this one included.
+    pub(super) fn jump(&mut self, pose: &Pose, agrees: bool) -> u32 {
         self.jumped = true;
-        let before = self.jumps.filter(|(before, _)| agrees(before)).map_or(0, |(_, count)| count);
+        let before = self.jumps.filter(|_| agrees).map_or(0, |(_, count)| count);
         self.jumps = Some((*pose, before + 1));
         before + 1
     }

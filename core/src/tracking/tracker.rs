@@ -5,7 +5,7 @@ use thiserror::Error;
 use super::options::{Options, OptionsError};
 use super::state::diagonal;
 use super::track::{Shape, Track, TrackView};
-use crate::geometry::{Covariance6, Pose, covariance_about};
+use crate::geometry::{Covariance6, Pose};
 
 /// Tracks at most, and as many lost ones.
 pub const MAX_TRACKS: usize = 32;
@@ -192,9 +192,8 @@ impl Tracker {
         let symmetries = &self.shapes[said.object].symmetries;
         let alike = self.alike_factor(time_s - of_track.measured_s);
         let pair = |said_pose: &Pose| {
-            let pose = symmetries.nearest(said_pose, &predicted);
-            let covariance =
-                covariance_about(&said.covariance, &(pose.translation() - said_pose.translation())) * alike;
+            let (pose, covariance) = symmetries.nearest_with(said_pose, &said.covariance, &predicted);
+            let covariance = covariance * alike;
             let distance = of_track.filter.fit(&pose, &covariance)?.distance();
             (distance <= GATE).then_some(Pair { track, measurement, distance, pose, covariance })
         };
@@ -240,12 +239,7 @@ impl Tracker {
                     && track.is_measured()
                     && self.is_near(track.object, &track.last.0, &pose, UNMOVED)
             });
-            let shape = &self.shapes[said.object];
-            let agrees = |before: &Pose| {
-                let again = shape.symmetries.nearest(&pose, before);
-                (again.translation() - before.translation()).norm() <= UNMOVED * shape.diameter_m
-                    && before.angle_to(&again) <= UNTURNED_RAD
-            };
+            let agrees = self.tracks[at].jumped_to().is_some_and(|before| self.is_unmoved(said.object, before, &pose));
             let count = self.tracks[at].jump(&pose, agrees);
             if count >= CONVINCING_JUMPS && !is_taken {
                 let found = self.first(said);
@@ -268,9 +262,7 @@ impl Tracker {
             let Some(at) = nearest else { return true };
             let last = self.tracks[at].last.0;
             let (pose, covariance) = self.first(said);
-            let pose_like_last = self.shapes[said.object].symmetries.nearest(&pose, &last);
-            let lever = pose_like_last.translation() - pose.translation();
-            let found = (pose_like_last, covariance_about(&covariance, &lever));
+            let found = self.shapes[said.object].symmetries.nearest_with(&pose, &covariance, &last);
             self.tracks[at].restart(time_s, &found, *measurement, &self.options);
             false
         });

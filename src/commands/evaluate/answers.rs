@@ -73,6 +73,15 @@ impl FileAnswers {
     }
 }
 
+/// One worker's pipeline.
+pub(super) fn new_estimator(
+    library: &Arc<Library>,
+    references: &Arc<References>,
+    runtime: &Runtime,
+) -> Result<Estimator, String> {
+    Estimator::new(Arc::clone(library), Arc::clone(references), runtime).map_err(|error| error.to_string())
+}
+
 /// A network for each object.
 pub(super) fn solvers<'a>(objects: &'a [Object], runtime: &Runtime) -> Result<Vec<KeypointSolver<'a>>, String> {
     let solvers = objects.iter().map(|object| KeypointSolver::new(&object.model, runtime));
@@ -109,8 +118,7 @@ impl Source {
         match self {
             Self::Boxes(objects, runtime) => Ok(Answerer::Boxes(objects, solvers(objects, runtime)?)),
             Self::Pipeline(names, runtime, library, references) => {
-                let estimator = Estimator::new(Arc::clone(library), Arc::clone(references), runtime);
-                Ok(Answerer::Pipeline(names, Box::new(estimator.map_err(|error| error.to_string())?)))
+                Ok(Answerer::Pipeline(names, Box::new(new_estimator(library, references, runtime)?)))
             }
             Self::File(results) => Ok(Answerer::File(results)),
         }

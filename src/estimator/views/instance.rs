@@ -1,7 +1,7 @@
 //! One object in those views that show it.
 
 use posed_core::calibration::Offset;
-use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about};
+use posed_core::geometry::{Camera, Covariance6, Pose};
 use posed_core::pnp::Status;
 use posed_core::views::{View, ViewsOptions, ViewsSolution, solve_views};
 
@@ -102,8 +102,7 @@ impl Instance<'_> {
     /// The offset's uncertainty is one error that all views share: it is added once.
     fn in_users_frame(&self, world_from_keypoints: &Pose, covariance: &Covariance6) -> (Pose, Covariance6) {
         let (pose, covariance) = self.offset.apply(world_from_keypoints, covariance);
-        let canonical = self.model.symmetries.canonical(&pose);
-        (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
+        self.model.symmetries.canonical_with(&pose, &covariance)
     }
 
     fn verdict(&self, solution: &ViewsSolution, used: &[&ObjectPose], covariance: &Covariance6) -> Verdict {
@@ -147,8 +146,7 @@ impl Instance<'_> {
         let solved = best.found.pose.as_ref();
         let pose = solved.map(|solved| {
             let (pose, covariance) = solved.in_frame(&best.camera.world_from_camera);
-            let canonical = self.model.symmetries.canonical(&pose);
-            (canonical, covariance_about(&covariance, &(canonical.translation() - pose.translation())))
+            self.model.symmetries.canonical_with(&pose, &covariance)
         });
         let mut verdict = best.found.verdict;
         verdict.object(Reason::SingleView, Status::Ok);

@@ -5,13 +5,12 @@ mod table;
 
 use std::error::Error;
 use std::io::Write as _;
-use std::sync::Arc;
 
+use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use super::problems::Problems;
 use super::scoring::known;
-use crate::estimator::Estimator;
 use crate::evaluation::scenes;
 use crate::model::ObjectModel;
 use replay::Replay;
@@ -32,8 +31,7 @@ pub(super) fn run(asked: &Asked, output: &OutputArgs) -> Result<(), Box<dyn Erro
     let runtime = asked.models.runtime_for(usize::from(asked.work.jobs))?;
     let replay = Replay { asked, known: &known, library: &library, options: &options };
     let estimator = || {
-        let estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &runtime);
-        let mut estimator = estimator.map_err(|error| error.to_string())?;
+        let mut estimator = new_estimator(&library, &references, &runtime)?;
         estimator.warm_up().map_err(|error| error.to_string())?;
         Ok(estimator)
     };

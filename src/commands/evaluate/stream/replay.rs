@@ -65,13 +65,13 @@ impl Replay<'_> {
             let world_from_camera = world.copied().unwrap_or_else(Pose::identity);
             let frame = Frame { selection: &selection, ..Frame::new(&image, &view.camera) };
             let start = Clock::now();
-            let alone = estimator.estimate_all(&[frame]).swap_remove(0)?;
+            let alone = estimator.estimate_frame(&frame)?;
             single_time += start.elapsed();
             let time_s = f64::from(view.image_id) / splits.fps;
             let start = Clock::now();
             let guide = follower.guide(time_s, &world_from_camera, &selection);
             let frame = Frame { selection: &selection, guide: Some(&guide), ..Frame::new(&image, &view.camera) };
-            let estimate = estimator.estimate_all(&[frame]).swap_remove(0)?;
+            let estimate = estimator.estimate_frame(&frame)?;
             let tracked = follower.take(time_s, &world_from_camera, &guide, &estimate)?;
             stream_time += start.elapsed();
             done.detected += usize::from(guide.detect);

@@ -8,13 +8,13 @@ mod table;
 use std::error::Error;
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::Arc;
 
 use fastrand::Rng;
 
+use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
-use crate::estimator::{Estimate, Estimator, Frame, PosedCamera, Selection, fuse};
+use crate::estimator::{Estimate, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
 use crate::model::{Library, References};
 use crate::vision::{DecodeOptions, read_image};
@@ -54,15 +54,12 @@ impl SeveralViews<'_> {
         problems.settle(work)?;
         let runtime = models.runtime_for(usize::from(work.jobs))?;
         let selection = Selection { objects: Some(names.clone()), ..Selection::ALL };
-        let estimator = || {
-            let estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &runtime);
-            estimator.map_err(|error| error.to_string())
-        };
+        let estimator = || new_estimator(&library, &references, &runtime);
         let results = in_parallel(&shots, work, names.join(", "), estimator, |estimator, shot| {
             let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", shot.image.display());
             let image = read_image(&shot.image, &DecodeOptions::default()).map_err(|error| wrong(&error))?;
             let frame = Frame { selection: &selection, ..Frame::new(&image, &shot.camera) };
-            let estimate = estimator.estimate_all(&[frame]).swap_remove(0).map_err(|error| wrong(&error))?;
+            let estimate = estimator.estimate_frame(&frame).map_err(|error| wrong(&error))?;
             Ok(Answered { shot: shot.clone(), estimate })
         })?;
         let answered = problems.taken_from(results);

@@ -6,10 +6,10 @@ mod report;
 use std::error::Error;
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::Arc;
 
 use nalgebra::Vector3;
 
+use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use crate::estimator::{Estimator, Frame, Selection};
@@ -38,10 +38,7 @@ impl StillScenes<'_> {
         problems.settle(work)?;
         let runtime = models.runtime_for(usize::from(work.jobs))?;
         let selection = Selection { objects: Some(names.clone()), ..Selection::ALL };
-        let estimator = || {
-            let estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &runtime);
-            estimator.map_err(|error| error.to_string())
-        };
+        let estimator = || new_estimator(&library, &references, &runtime);
         let results = in_parallel(&photos, work, names.join(", "), estimator, |estimator, photo| {
             let found = found(names, estimator, photo, &selection);
             let found = found.map_err(|error| format!("{}: {error}", photo.image.display()))?;
@@ -91,7 +88,7 @@ fn found(
 ) -> Result<Vec<(usize, Observation)>, Box<dyn Error>> {
     let image = read_image(&photo.image, &DecodeOptions::default())?;
     let frame = Frame { selection, ..Frame::new(&image, &photo.camera) };
-    let estimate = estimator.estimate_all(&[frame]).swap_remove(0)?;
+    let estimate = estimator.estimate_frame(&frame)?;
     let mut found = Vec::new();
     for answer in &estimate.poses {
         let object = names.iter().position(|name| *name == answer.object);

@@ -8,7 +8,7 @@ use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
 use crate::model::PoseFile;
-use crate::server::service::CameraChoice;
+use crate::server::service::{CameraChoice, Failure};
 use crate::vision::{RawError, RawLayout};
 
 /// A pose: a unit quaternion (x, y, z, w) and a translation in metres.
@@ -126,6 +126,13 @@ impl TryFrom<RawForm> for RawLayout {
     fn try_from(form: RawForm) -> Result<Self, RawError> {
         let RawForm { encoding, width, height, step } = form;
         Ok(Self { encoding: encoding.parse()?, width, height, step })
+    }
+}
+
+impl RawForm {
+    /// The layout, or a failure that names the field `raw`.
+    pub(super) fn layout(self) -> Result<RawLayout, Failure> {
+        self.try_into().map_err(|error: RawError| Failure::invalid(format!("field 'raw': {error}")))
     }
 }
 

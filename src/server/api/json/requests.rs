@@ -45,8 +45,7 @@ impl EstimateRequest {
             world_from_camera: frame("world_from_camera", self.world_from_camera)?,
             base_from_camera: frame("base_from_camera", self.base_from_camera)?,
         };
-        let raw = self.raw.map(RawLayout::try_from).transpose();
-        let raw = raw.map_err(|error| Failure::invalid(format!("field 'raw': {error}")))?;
+        let raw = self.raw.map(RawForm::layout).transpose()?;
         let Self { camera, objects, max_instances, min_confidence, allow_resize, captured_at, .. } = self;
         let request = PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, frames, captured_at };
         Ok((request, raw))

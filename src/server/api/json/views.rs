@@ -60,8 +60,7 @@ struct ViewForm {
 impl ViewsForm {
     /// Splits the form into the request and the layout of raw frames.
     pub(crate) fn translate(self) -> Result<(ViewsRequest, Option<RawLayout>), Failure> {
-        let raw = self.raw.map(RawLayout::try_from).transpose();
-        let raw = raw.map_err(|error| Failure::invalid(format!("field 'raw': {error}")))?;
+        let raw = self.raw.map(RawForm::layout).transpose()?;
         let Self {
             views, rig, world_from_rig, objects, max_instances, min_confidence, allow_resize, captured_at, ..
         } = self;
