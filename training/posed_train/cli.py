@@ -77,7 +77,7 @@ def main() -> None:
         command.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
         command.add_argument("--runs", type=Path, default=Path("runs"), help="checkpoints and logs; resumed from")
         command.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
-        command.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
+        command.add_argument("--init", type=Path, help="keypoint net to start from: checkpoint.pt, or keypoints.onnx")
         command.add_argument("--threads", type=int)
     ablating = commands.add_parser("ablate", help="train one object's net in several ways and print a table")
     ablating.add_argument("settings", type=Path, help="train.toml")

@@ -15,10 +15,22 @@ from .check import MIN_BASELINE_DEG
 from .config import KeypointConfig, splits
 from .crops import Patch, as_matrix, axis_in_image, cut_patch, transform
 from .network import design
-from .registration import Registration, angles_deg, mean_pose, project, register
+from .registration import (
+    JOIN_DISTANCE_OF_SIZE,
+    JOIN_ROTATION_DEG,
+    Registration,
+    agree,
+    angles_deg,
+    consensus,
+    mean_pose,
+    project,
+    register,
+)
 
 MAX_BACKGROUND_PX = 360
 MIN_RASTERISED_PX = 28
+MIN_ADOPTED = 0.2
+"""Share of the views in which a net that training goes on from must see one frame of its keypoints."""
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
@@ -31,6 +43,11 @@ class Views:
         self.all = photoreal + rasterised
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
+        self.held_out = held_out(photoreal, self.registration, config)
+        self.find_directions(config)
+
+    def find_directions(self, config: KeypointConfig) -> None:
+        """Those of the object's frame that matter to the net, in the frame of the keypoints."""
         # The net's keypoints are where they were placed: it can be taught to look at them more closely. The pairwise
         # losses leave their frame to the net.
         known = self.keypoints_from_object
@@ -40,8 +57,35 @@ class Views:
             # Coordinates of the keypoints along it, `[N]`.
             self.heights = self.registration.keypoints @ self.up
             self.front = direction(config.front, known) if config.front else None
-        self.held_out = held_out(photoreal, self.registration, config)
         self.motions = symmetry_motions(config.symmetries_discrete, known)
+
+    def adopt(
+        self, config: KeypointConfig, keypoints: np.ndarray, camera_from_keypoints: dict[int, np.ndarray | None]
+    ) -> None:
+        """Places the keypoints of a net that has been trained where it sees them in the views of the largest component.
+        Of the ways in which a symmetric object looks the same it is the one nearest to the frame chosen before."""
+        first, chosen = self.registration.components[0], self.registration.components[0].component_from_keypoints
+        placed = dict(zip(first.views, first.camera_from_component))
+        votes = [
+            np.linalg.inv(placed[index]) @ pose for index, pose in camera_from_keypoints.items() if pose is not None
+        ]
+        thresholds = JOIN_ROTATION_DEG, JOIN_DISTANCE_OF_SIZE * self.registration.size_m
+        voted = consensus(np.stack(votes), *thresholds) if votes else None
+        alike = agree(np.stack(votes), voted[None], *thresholds).sum() if votes else 0
+        if alike < max(2, MIN_ADOPTED * len(camera_from_keypoints)):
+            raise bop.DatasetError(
+                f"--init: that net sees its object alike in {alike} of {len(camera_from_keypoints)} views of this "
+                "dataset; is it a net of this object? Leave --init out to start anew"
+            )
+        self.place_keypoints(config, keypoints, voted)
+        nearest = min(voted @ self.motions, key=lambda pose: angles_deg(pose[None], chosen[None]))
+        self.place_keypoints(config, keypoints, nearest)
+
+    def place_keypoints(self, config: KeypointConfig, keypoints: np.ndarray, placement: np.ndarray) -> None:
+        """Puts keypoints `[N, 3]` where `placement`, `component_from_keypoints` of the largest component, says."""
+        self.registration.keypoints = keypoints
+        self.registration.place(self.registration.components[0], placement)
+        self.find_directions(config)
 
     @property
     def keypoints_from_object(self) -> np.ndarray | None:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 from onnx import TensorProto, helper, numpy_helper
 from PIL import Image
@@ -23,6 +22,7 @@ from . import detector
 from .bop import View
 from .crops import CROP_SCALE, ZOOM, first_crop
 from .data import Views
+from .exported import predictor, session
 from .heatmap import Decode, SecondPeak
 from .network import KeypointNet
 from .validate import CROP_ENSEMBLE, Predictor, predict_views
@@ -190,18 +190,6 @@ def append_suppression(model: onnx.ModelProto, score_threshold: float = 0.05) ->
     graph.output.append(helper.make_tensor_value_info("detections", TensorProto.FLOAT, [1, "found", 6]))
     onnx.checker.check_model(model, full_check=True)
     return model
-
-
-def session(path: Path) -> onnxruntime.InferenceSession:
-    return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-
-
-def predictor(path: Path, heights: np.ndarray | None = None) -> Predictor:
-    """The exported keypoint net, as `validate` wants it."""
-    net = session(path)
-    size = net.get_inputs()[0].shape[1]
-    run = lambda crops: tuple(net.run(["keypoints", "covariances", "peaks"], {"image": crops}))  # noqa: E731
-    return Predictor(size, run, heights)
 
 
 def covariance_scale(predict: Predictor, views: list[View], truth: np.ndarray) -> np.ndarray:

@@ -18,7 +18,8 @@ from .bop import DatasetError, View
 from .config import KeypointConfig
 from .crops import first_crop
 from .data import Views
-from .export import covariance_scale, predictor, sha256, write_manifest, write_parity
+from .export import covariance_scale, sha256, write_manifest, write_parity
+from .exported import predictor
 from .train import Validator
 from .validate import Predictor
 

@@ -3,6 +3,8 @@
 import copy
 import json
 import time
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from . import bop, metrics, optimise, pairwise
+from . import bop, exported, metrics, optimise, pairwise
 from .best import Best, standing
 from .config import KeypointConfig
 from .data import DEVICE, Batches, Data, PairBatch, Pairs, Views
@@ -24,6 +26,10 @@ from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
+ADOPTING_VIEWS = 100
+"""In which an exported net says where its keypoints are on the object."""
+SETTLE_BATCHES = 16
+"""That tell what the layers of an exported net see."""
 COMPARISONS = 10
 """Of a training's nets on held-out views, if there are that many within its limits."""
 COMPARE_EVERY = 50, 1000
@@ -86,7 +92,10 @@ class Trainer(optimise.Run):
         model = KeypointNet(len(keypoints), config.network).to(DEVICE, memory_format=torch.channels_last)
         if config.frozen_statistics and not hasattr(model.design, "encoder"):
             raise ValueError(f"frozen_statistics: the network {config.network!r} has no encoder to hold them in")
-        if init is not None:
+        self.unsettled = init is not None and init.suffix == ".onnx"
+        if self.unsettled:
+            start_from(model, exported.unfold(model, exported.read_weights(init)))
+        elif init is not None:
             start_from(model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
         elif model.design.pretrained:
             model.design.encoder.load_imagenet()
@@ -95,6 +104,13 @@ class Trainer(optimise.Run):
         freeze(model, config.frozen, config.frozen_statistics)
         slow = model.design.encoder if model.design.pretrained else None
         super().__init__(model, config.learning_rate, config.steps, slow, config.encoder_rate)
+
+    def settle(self, batches: Iterator) -> None:
+        """Once the crops are there: what an exported net's layers see of them."""
+        first = islice(batches, SETTLE_BATCHES)
+        images = (batch.images if isinstance(batch, PairBatch) else batch[0] for batch in first)
+        exported.settle(self.model, (crops.to(DEVICE).float() / 255 for crops in images))
+        self.average.load_state_dict(self.model.state_dict())
 
     def forward(self, images: Tensor) -> Tensor:
         self.model.train()
@@ -138,6 +154,12 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     if config.loss not in LOSSES:
         raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
     views = Views(config, root)
+    adopted = out / "adopted.json"
+    if adopted.exists():
+        read_adopted(adopted, config, views)
+    elif init is not None and init.suffix == ".onnx":
+        adopt(config, views, init)
+        write_adopted(adopted, views)
     # Before the crops are cut: what cannot be trained is said at once.
     trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
@@ -155,6 +177,8 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
         (data, trainer.component_step) if config.loss == "component" else (Pairs(config, views), trainer.pairwise_step)
     )
     batches = load(source, data, config, trainer.step, workers)
+    if trainer.unsettled and not resumed:
+        trainer.settle(load(source, data, config, 0, workers))
     log = Log(out / "log.csv")
     losses, started = [], time.time()
     with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
@@ -189,6 +213,22 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     net = copy.deepcopy(trainer.average)
     best_step = best.restore(net)
     return Trained(net, views, validator(net), trainer.step if best_step is None else best_step)
+
+
+def adopt(config: KeypointConfig, views: Views, network: Path) -> None:
+    """Leaves the keypoints of an exported net where they are on the object."""
+    manifest = bop.read_json(network.with_name("object.json"))
+    keypoints = np.array(manifest["virtual_keypoints_m"])
+    if keypoints.shape != views.registration.keypoints.shape:
+        raise ValueError(
+            f"--init {network}: it has {len(keypoints)} keypoints, and keypoint_shape {config.keypoint_shape!r} "
+            f"{len(views.registration.keypoints)}"
+        )
+    heights = keypoints @ manifest["second_look"]["up"] if "second_look" in manifest else None
+    members = [index for index in views.registration.components[0].views if index < views.photoreal_count]
+    chosen = members[:: max(1, len(members) // ADOPTING_VIEWS)]
+    predictions = predict_views(exported.predictor(network, heights), [views.all[index] for index in chosen])
+    views.adopt(config, keypoints, {i: solve_pose(keypoints, found) for i, found in zip(chosen, predictions)})
 
 
 def compare_every(steps: int) -> int:
@@ -232,8 +272,23 @@ def write_joined(path: Path, views: Views) -> None:
         for component in views.registration.components[1:]
         if component.component_from_keypoints is not None
     }
+    write_json(path, placed)
+
+
+def write_adopted(path: Path, views: Views) -> None:
+    """Where the keypoints of an exported net are, so that a training that goes on keeps them."""
+    placement = views.registration.components[0].component_from_keypoints
+    write_json(path, {"keypoints_m": views.registration.keypoints.tolist(), "placement": placement.tolist()})
+
+
+def read_adopted(path: Path, config: KeypointConfig, views: Views) -> None:
+    stored = bop.read_json(path)
+    views.place_keypoints(config, np.array(stored["keypoints_m"]), np.array(stored["placement"]))
+
+
+def write_json(path: Path, value: dict) -> None:
     part = path.with_suffix(".part")
-    part.write_text(json.dumps(placed))
+    part.write_text(json.dumps(value))
     part.replace(path)
 
 
