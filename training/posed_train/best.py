@@ -15,7 +15,7 @@ from torch import nn
 from .data import Views
 from .metrics import rotation_error_deg, translation_error_m
 from .optimise import save
-from .validate import Predictor, predict_views, solve_pose
+from .validate import Prediction, Predictor, predict_views, solve_pose
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,15 @@ class Standing:
     deg5_cm5_percent: float
     keypoint_median_px: float
 
-    def better_than(self, other: "Standing") -> bool:
-        """By the poses; by the keypoints where the poses differ by no more than the views tell (a standard error)."""
+    def better_than(self, other: "Standing", gain: float = 0.0) -> bool:
+        """By the poses; by the keypoints where the poses differ by no more than the views tell (a standard error).
+        These must be better by a share of `gain`."""
         share = other.deg5_cm5_percent / 100
         told_percent = 100 * max(math.sqrt(share * (1 - share) / other.views), 1 / other.views)
         more = self.deg5_cm5_percent - other.deg5_cm5_percent
-        return more > told_percent or (more >= -told_percent and self.keypoint_median_px < other.keypoint_median_px)
+        return more > told_percent or (
+            more >= -told_percent and self.keypoint_median_px < (1 - gain) * other.keypoint_median_px
+        )
 
 
 def standing(net: Predictor, views: Views) -> Standing | None:
@@ -39,10 +42,17 @@ def standing(net: Predictor, views: Views) -> Standing | None:
     if not views.held_out or views.heights is None:
         return None
     predictions = predict_views(net, [views.all[index] for index in views.held_out])
+    poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
+    return standing_of(views, views.held_out, predictions, poses)
+
+
+def standing_of(
+    views: Views, indices: list[int], predictions: list[Prediction], poses: list[np.ndarray | None]
+) -> Standing:
+    """By what the net says of placed views."""
     good, pixels = [], []
-    for index, prediction, alike in zip(views.held_out, predictions, views.targets(views.held_out)):
+    for index, prediction, pose, alike in zip(indices, predictions, poses, views.targets(indices)):
         pixels.append(np.median(np.linalg.norm(prediction.keypoints - alike, axis=-1), axis=-1).min())
-        pose = solve_pose(views.registration.keypoints, prediction)
         expected = views.registration.placed[index] @ views.motions
         good.append(
             pose is not None
@@ -64,6 +74,10 @@ class Best:
         if found is not None and (self.standing is None or found.better_than(self.standing)):
             save({"step": step, "average": net.state_dict(), "standing": asdict(found)}, self.path)
             self.standing = found
+
+    def forget(self) -> None:
+        """Other views are held out from now on: what was the best among the old ones says nothing."""
+        self.standing = None
 
     def restore(self, net: nn.Module) -> int | None:
         """Gives the net the best weights; returns their step, or `None` where nothing told which are best."""

@@ -94,12 +94,12 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     settings = config.load(arguments.settings, config.KeypointConfig)
     report = check.check(data.read_photoreal(settings, arguments.data), settings.poses)
     print("\n".join([str(report), *(f"warning: {problem}" for problem in report.problems)]))
-    net, views, scores, step = train.train(
+    net, views, scores, step, last = train.train(
         settings, arguments.data, arguments.runs / settings.name, arguments.init, arguments.workers
     )
     summary = {
         "network": settings.network,
-        "steps": settings.steps,
+        "steps": last,
         "best_step": step,
         "views": len(views.all),
         "relative_poses": settings.poses,

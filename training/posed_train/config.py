@@ -33,6 +33,7 @@ class KeypointConfig:
     held_out_every: int = 8  # where there are too few scenes: every so manieth view instead
     min_visible: float = 0.35
     steps: int = 12500
+    stops_itself: bool = False  # ends sooner where held-out views no longer gain from more steps, see stopping.py
     batch: int = 32
     photoreal_share: float = 0.5  # of every batch, if there are rasterised views
     learning_rate: float = 1.5e-3

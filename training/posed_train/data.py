@@ -29,6 +29,10 @@ from .registration import (
 
 MAX_BACKGROUND_PX = 360
 MIN_RASTERISED_PX = 28
+LEAST_TO_HOLD_OUT = 8
+"""Of fewer placed views none is held out: all are needed to learn from."""
+ENOUGH_HELD_OUT = 12
+"""With fewer, some views of the scenes that are placed later are held out, too."""
 MIN_ADOPTED = 0.2
 """Share of the views in which a net that training goes on from must see one frame of its keypoints."""
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -97,6 +101,25 @@ class Views:
         ]
         return mean_pose(np.stack(known)) if known else None
 
+    @property
+    def judging(self) -> list[int]:
+        """Those that tell how well a net does: held out; or, where none are, some of those that it learned from."""
+        if self.held_out:
+            return self.held_out
+        placed = [index for index in sorted(self.registration.placed) if index < self.photoreal_count]
+        return placed[:: -(-len(placed) // ENOUGH_HELD_OUT)]
+
+    def hold_out_of(self, placed: list[int], config: KeypointConfig) -> bool:
+        """Holds out some of the views that have just been placed, where few are so far; says whether it did."""
+        photoreal = [index for index in placed if index < self.photoreal_count]
+        wanted = sum(index < self.photoreal_count for index in self.registration.placed) // config.held_out_every
+        count = min(wanted, ENOUGH_HELD_OUT) - len(self.held_out)
+        if count <= 0 or not photoreal:
+            return False
+        more = photoreal[:: -(-len(photoreal) // count)]
+        self.held_out = sorted({*self.held_out, *more})
+        return True
+
     def targets(self, indices: list[int]) -> np.ndarray:
         """Where the keypoints are, `[V, S, N, 2]` image pixels: once for each of the S motions under which the object
         looks the same (S = 1 where none is declared)."""
@@ -156,8 +179,11 @@ def held_out(photoreal: list[bop.View], registration: Registration, config: Keyp
     last = set(scenes[len(scenes) - config.held_out_scenes :]) if len(scenes) >= 2 * config.held_out_scenes else set()
     placed = [index for index in range(len(photoreal)) if index in registration.placed]
     chosen = [index for index in placed if (photoreal[index].split, photoreal[index].scene) in last]
-    # Scenes whose components are placed later, by the net itself, cannot tell how good it is; nor can none.
-    return chosen or placed[:: config.held_out_every]
+    # Scenes whose components are placed later, by the net itself, cannot tell how good it is; nor can none. And some
+    # views must be left to learn from: the one scene that is placed may be one of the last, or a mere pair.
+    if chosen and len(chosen) < len(placed):
+        return chosen
+    return placed[:: config.held_out_every] if len(placed) >= LEAST_TO_HOLD_OUT else []
 
 
 class Data:
@@ -168,13 +194,14 @@ class Data:
         self.input_size = design(config.network).input_size
         self.photoreal: list[Patch] = []
         self.rasterised: list[Patch] = []
-        self.cut: set[int] = set(views.held_out)
+        self.cut: set[int] = set()
         self.add_placed()
         self.backgrounds = read_backgrounds(root / config.backgrounds, self.input_size) if config.backgrounds else []
 
     def add_placed(self) -> None:
         """Cuts the views that have been placed since the last call."""
-        new = [index for index in sorted(self.views.registration.placed) if index not in self.cut]
+        done = self.cut.union(self.views.held_out)
+        new = [index for index in sorted(self.views.registration.placed) if index not in done]
         self.cut.update(new)
         if not new:
             return
@@ -261,14 +288,14 @@ class Batches(torch.utils.data.IterableDataset):
     """The batches of all steps from one on. Each step has its own random numbers, so that a training that was stopped,
     or has other workers, sees the same batches."""
 
-    def __init__(self, source: Data | Pairs, data: Data, config: KeypointConfig, first: int, strength):
-        self.source, self.config, self.first, self.strength = source, config, first, strength
+    def __init__(self, source: Data | Pairs, data: Data, config: KeypointConfig, steps: range, strength):
+        self.source, self.config, self.steps, self.strength = source, config, steps, strength
         self.backgrounds, self.input_size, self.heights = data.backgrounds, data.input_size, data.views.heights
 
     def __iter__(self):
         worker = torch.utils.data.get_worker_info()
         offset, stride = (worker.id, worker.num_workers) if worker else (0, 1)
-        for step in range(self.first + offset, self.config.steps, stride):
+        for step in self.steps[offset::stride]:
             rng = np.random.default_rng([self.config.seed, step])
             augment = Augmenter(self.backgrounds, rng, self.input_size, self.heights)
             augment.strength = self.strength(step)

@@ -246,10 +246,10 @@ def export_keypoints(
     path = out / "keypoints.onnx"
     onnx.save(to_onnx(module, example, list(KEYPOINT_OUTPUTS), dynamic_batch=True), path)
     registration = views.registration
-    held_out = [views.all[index] for index in views.held_out]
+    judging = [views.all[index] for index in views.judging]
     with torch.no_grad():
-        write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, held_out)
-    scale = covariance_scale(predictor(path, views.heights), held_out, views.targets(views.held_out))
+        write_parity(lambda crops: module(torch.from_numpy(crops))[0].numpy(), path, judging)
+    scale = covariance_scale(predictor(path, views.heights), judging, views.targets(views.judging))
     manifest = {
         **identity,
         "model_sha256": sha256(path),

@@ -15,8 +15,11 @@ AVERAGE_DECAY = 0.998
 PARTS = ("model", "average", "optimizer")
 
 
-def learning_rate(peak: float, step: int, steps: int) -> float:
-    """Linear warm-up, then half a cosine down to zero."""
+def learning_rate(peak: float, step: int, steps: int, cooling: tuple[int, int] | None = None) -> float:
+    """Linear warm-up, then half a cosine down to zero. `cooling`, the first and the last step of it, ends it sooner."""
+    if cooling is not None and step >= cooling[0]:
+        first, last = cooling
+        return learning_rate(peak, first, steps) * 0.5 * (1 + math.cos(math.pi * (step - first) / (last - first)))
     warm_up = min(WARM_UP_STEPS, steps // 5 + 1)
     return peak * min(1.0, (step + 1) / warm_up) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
@@ -37,6 +40,8 @@ class Run:
         self, model: nn.Module, learning_rate: float, steps: int, slow: nn.Module | None = None, slow_share: float = 1.0
     ):
         self.model, self.peak, self.steps, self.step = model, learning_rate, steps, 0
+        self.cooling: tuple[int, int] | None = None
+        """First and last step, if it is to end sooner than planned."""
         self.average = copy.deepcopy(model)
         slow_ones = [] if slow is None else list(slow.parameters())
         known = {id(value) for value in slow_ones}
@@ -47,12 +52,17 @@ class Run:
             [{"params": values} for values, _ in groups], lr=learning_rate, weight_decay=1e-4
         )
 
+    @property
+    def end(self) -> int:
+        """The last step."""
+        return self.steps if self.cooling is None else min(self.steps, self.cooling[1])
+
     def descend(self, loss: Tensor) -> float:
         """Applies one step and returns the loss; refuses a loss that is not finite before it can spoil the weights."""
         if not torch.isfinite(loss):
             raise FloatingPointError(f"step {self.step}: the loss is {loss.item()}; lower learning_rate and resume")
         for group, share in zip(self.optimizer.param_groups, self.shares):
-            group["lr"] = share * learning_rate(self.peak, self.step, self.steps)
+            group["lr"] = share * learning_rate(self.peak, self.step, self.steps, self.cooling)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), MAX_GRADIENT_NORM)
@@ -63,11 +73,11 @@ class Run:
 
     def save(self, path: Path) -> None:
         parts = {name: getattr(self, name).state_dict() for name in PARTS}
-        save({"step": self.step, **parts}, path)
+        save({"step": self.step, "cooling": self.cooling, **parts}, path)
 
     def resume(self, path: Path, device: torch.device) -> None:
         state = torch.load(path, map_location=device, weights_only=True)
-        self.step = state["step"]
+        self.step, self.cooling = state["step"], state.get("cooling")
         for name in PARTS:
             getattr(self, name).load_state_dict(state[name])
 

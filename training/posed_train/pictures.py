@@ -27,6 +27,10 @@ COLUMNS = (
     "scale_median_percent",
     "held_out_deg5_cm5_percent",
     "held_out_keypoint_px",
+    "held_out_photos",
+    "agreeing",
+    "spread_degrees",
+    "spread_mm",
 )
 SHEET = (4, 6)  # rows, columns
 PREDICTED, TRUE = (60, 220, 60), (230, 60, 60)
@@ -51,9 +55,9 @@ class Log:
 
 
 def draw_curves(log: Log, out: Path) -> None:
-    """Loss, shares of good poses, and median errors of keypoints over the steps."""
+    """Loss, shares of good poses, median errors of keypoints, and how far poses lie from each other, over the steps."""
     rows = log.read()
-    figure, (loss, shares, errors) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
+    figure, (loss, shares, errors, apart) = plt.subplots(1, 4, figsize=(16, 3.6), layout="constrained")
 
     def curve(axes, column: str, label: str) -> None:
         # A log of an older version lacks some columns.
@@ -68,14 +72,18 @@ def draw_curves(log: Log, out: Path) -> None:
     curve(errors, "held_out_keypoint_px", "keypoints, held out, px")
     curve(errors, "keypoint_median_px", "keypoints, px")
     curve(errors, "scale_median_percent", "their common scale, %")
-    for axes, unit in ((loss, "loss"), (shares, "% of views"), (errors, "median error")):
+    curve(apart, "spread_degrees", "poses, held out, degrees")
+    curve(apart, "spread_mm", "mm")
+    for axes, unit in ((loss, "loss"), (shares, "% of views"), (errors, "median error"), (apart, "median spread")):
         axes.set_xlabel("step")
         axes.set_ylabel(unit)
         axes.grid(alpha=0.3)
     shares.set_ylim(0, 100)
-    for axes in (shares, errors):
+    for axes in (shares, errors, apart):
         if axes.get_lines():
             axes.legend()
+    if apart.get_lines():
+        apart.set_yscale("log")
     figure.savefig(out, dpi=90)
     plt.close(figure)
 

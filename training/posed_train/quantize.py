@@ -48,10 +48,10 @@ def quantize(config: KeypointConfig, data: Path, model: Path, out: Path) -> dict
     nets = {"float": predictor(before, views.heights)}
     quantize_network(before, after, Crops(calibration_views(views), nets["float"].size))
     nets["int8"] = predictor(after, views.heights)
-    held_out = [views.all[index] for index in views.held_out]
-    write_parity(lambda crops: nets["int8"].run(crops)[0], after, held_out)
+    judging = [views.all[index] for index in views.judging]
+    write_parity(lambda crops: nets["int8"].run(crops)[0], after, judging)
     manifest["model_sha256"] = sha256(after)
-    scale = covariance_scale(nets["int8"], held_out, views.targets(views.held_out))
+    scale = covariance_scale(nets["int8"], judging, views.targets(views.judging))
     manifest["covariance_scale"] = scale.round(4).tolist()
     validator, milliseconds = Validator(config, data, views), time_nets(nets)
     scores = {name: {"ms_per_crop": milliseconds[name], **validator.score(net)} for name, net in nets.items()}

@@ -1,7 +1,6 @@
 """The training loop of a keypoint net."""
 
 import copy
-import json
 import time
 from collections.abc import Iterator
 from itertools import islice
@@ -13,19 +12,23 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from . import bop, exported, metrics, optimise, pairwise
-from .best import Best, standing
+from . import bop, exported, joined, metrics, optimise, pairwise, stopping
+from .best import Best
 from .config import KeypointConfig
 from .data import DEVICE, Batches, Data, PairBatch, Pairs, Views
 from .heatmap import Decode
+from .held_out import look
 from .losses import heatmap_loss, soft_argmax
 from .network import KeypointNet
 from .pictures import Log, draw_curves, draw_sheet
-from .registration import JOIN_DISTANCE_OF_SIZE, JOIN_ROTATION_DEG, Component, consensus, join
+from .registration import JOIN_DISTANCE_OF_SIZE, JOIN_ROTATION_DEG, consensus, join
 from .validate import Prediction, Predictor, predict_views, score, solve_pose
 
 VALIDATE_EVERY = 1000
 CHECKPOINT_EVERY = 250
+FIRST_SHEET = 100
+FEW_HELD_OUT = 40
+"""So many views are looked at with every checkpoint."""
 ADOPTING_VIEWS = 100
 """In which an exported net says where its keypoints are on the object."""
 SETTLE_BATCHES = 16
@@ -142,6 +145,7 @@ class Trained(NamedTuple):
     views: Views
     scores: dict[str, float]  # of the net
     step: int  # that the net is of
+    last: int  # step of the training
 
 
 def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0) -> Trained:
@@ -156,10 +160,10 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     views = Views(config, root)
     adopted = out / "adopted.json"
     if adopted.exists():
-        read_adopted(adopted, config, views)
+        joined.read_adopted(adopted, config, views)
     elif init is not None and init.suffix == ".onnx":
         adopt(config, views, init)
-        write_adopted(adopted, views)
+        joined.write_adopted(adopted, views)
     # Before the crops are cut: what cannot be trained is said at once.
     trainer = Trainer(config, views.registration.keypoints, init)
     checkpoint = out / "checkpoint.pt"
@@ -167,52 +171,89 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     joined_before = out / "joined.json"
     if resumed:
         trainer.resume(checkpoint, DEVICE)
-        read_joined(joined_before, views)
-    elif init is not None and config.loss == "component" and join_components(views, trainer.average):
-        write_joined(joined_before, views)
+        joined.read(joined_before, views)
+    elif init is not None and config.loss == "component" and join_components(config, views, trainer.average):
+        joined.write(joined_before, views)
+    if not config.stops_itself:
+        trainer.cooling = None
     best = Best(out / "best.pt", resumed)
     data = Data(config, root, views)
     validator = Validator(config, root, views)
     source, step = (
         (data, trainer.component_step) if config.loss == "component" else (Pairs(config, views), trainer.pairwise_step)
     )
-    batches = load(source, data, config, trainer.step, workers)
+    batches = load(source, data, config, trainer, workers)
     if trainer.unsettled and not resumed:
-        trainer.settle(load(source, data, config, 0, workers))
+        trainer.settle(load(source, data, config, trainer, workers))
     log = Log(out / "log.csv")
-    losses, started = [], time.time()
-    with tqdm(total=config.steps, initial=trainer.step, desc=config.name, mininterval=10) as bar:
-        while trainer.step < config.steps:
+    losses, clock = [], Clock(trainer)
+    with tqdm(total=trainer.end, initial=trainer.step, desc=config.name, mininterval=10) as bar:
+        while trainer.step < trainer.end:
             losses.append(step(next(batches)))
             bar.update()
-            due = lambda every: trainer.step % every == 0 or trainer.step == config.steps  # noqa: E731
-            if not (due(CHECKPOINT_EVERY) or due(compare_every(config.steps))):
+            due = lambda every: trainer.step % every == 0 or trainer.step == trainer.end  # noqa: E731
+            comparing = due(compare_every(config.steps))
+            if trainer.step == FIRST_SHEET:
+                draw_progress(views, trainer.average, out)
+            if not (due(CHECKPOINT_EVERY) or comparing):
                 continue
-            bar.set_postfix(loss=f"{np.mean(losses):.3f}")
-            row = {"step": trainer.step, "seconds": round(time.time() - started), "loss": round(np.mean(losses), 4)}
-            if due(compare_every(config.steps)):
-                found = standing(predictor(trainer.average, views.heights), views)
-                best.offer(trainer.average, trainer.step, found)
-                if found is not None:
-                    row |= {"held_out_deg5_cm5_percent": round(found.deg5_cm5_percent, 2)}
-                    row |= {"held_out_keypoint_px": round(found.keypoint_median_px, 3)}
+            row = {"step": trainer.step, "seconds": round(clock.seconds), "loss": round(np.mean(losses), 4)}
+            words = [f"loss {row['loss']:.3f}"]
+            told = None
+            if comparing or len(views.held_out) <= FEW_HELD_OUT:
+                told = look(predictor(trainer.average, views.heights), views)
+            if told is not None:
+                row |= told.as_row()
+                words.append(told.in_words())
+                if comparing:
+                    best.offer(trainer.average, trainer.step, told.standing)
             trainer.save(checkpoint)
+            bar.set_postfix_str(", ".join(words))
+            bar.write("; ".join([f"step {trainer.step} of {trainer.end}: {words[0]}", *words[1:], clock.left()]))
+            draw_progress(views, trainer.average, out)
             if due(VALIDATE_EVERY):
                 scores = validator(trainer.average)
                 row |= {key: round(value, 3) for key, value in scores.items()}
-                bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
-                draw_progress(views, trainer.average, out)
-                if joined := join_components(views, trainer.average):
-                    write_joined(joined_before, views)
+                if scores:
+                    bar.write(f"step {trainer.step}: " + ", ".join(f"{k} {v:.1f}" for k, v in scores.items()))
+                before = len(views.held_out)
+                if count := join_components(config, views, trainer.average):
+                    joined.write(joined_before, views)
                     data.add_placed()
-                    batches = load(source, data, config, trainer.step, workers)
-                    bar.write(f"step {trainer.step}: {joined} more components placed")
+                    batches = load(source, data, config, trainer, workers)
+                    bar.write(f"step {trainer.step}: {count} more components placed")
+                if len(views.held_out) > before:
+                    best.forget()
             log.write(row)
             draw_curves(log, out / "curves.png")
             losses = []
+            if config.stops_itself and trainer.cooling is None:
+                trainer.cooling = stopping.cooling(log.read(), trainer.step, config.steps)
+                if trainer.cooling is not None:
+                    bar.total = trainer.end
+                    batches = load(source, data, config, trainer, workers)
+                    bar.write(f"step {trainer.step}: held-out photos gain no more; cooling down to step {trainer.end}")
     net = copy.deepcopy(trainer.average)
     best_step = best.restore(net)
-    return Trained(net, views, validator(net), trainer.step if best_step is None else best_step)
+    return Trained(net, views, validator(net), trainer.step if best_step is None else best_step, trainer.step)
+
+
+class Clock:
+    """How long a training has run, and how long it will."""
+
+    def __init__(self, trainer: Trainer):
+        self.trainer, self.first, self.started = trainer, trainer.step, time.time()
+
+    @property
+    def seconds(self) -> float:
+        return time.time() - self.started
+
+    def left(self) -> str:
+        trainer = self.trainer
+        minutes = self.seconds / (trainer.step - self.first) * (trainer.end - trainer.step) / 60
+        if trainer.step == trainer.end:
+            return f"done after {self.seconds / 60:.0f} min"
+        return f"{minutes // 60:.0f} h {minutes % 60:.0f} min left" if minutes >= 60 else f"{minutes:.0f} min left"
 
 
 def adopt(config: KeypointConfig, views: Views, network: Path) -> None:
@@ -243,11 +284,14 @@ def draw_progress(views: Views, model: KeypointNet, out: Path) -> None:
         draw_sheet(predictor(model, views.heights), held_out, views.targets(views.held_out), out / "sheet.png")
 
 
-def load(source: Data | Pairs, data: Data, config: KeypointConfig, first: int, workers: int):
-    def strength(step: int) -> float:
-        return config.augmentation * augmentation_fade(step / config.steps)
+def load(source: Data | Pairs, data: Data, config: KeypointConfig, trainer: Trainer, workers: int):
+    """Batches from the trainer's step to its end."""
+    cooling = trainer.cooling
 
-    batches = Batches(source, data, config, first, strength)
+    def strength(step: int) -> float:
+        return config.augmentation * augmentation_fade(step, config.steps, cooling)
+
+    batches = Batches(source, data, config, range(trainer.step, trainer.end), strength)
     # Forked, so that workers share the patches and need no copy of `strength`.
     context = "fork" if workers else None
     return iter(
@@ -255,59 +299,25 @@ def load(source: Data | Pairs, data: Data, config: KeypointConfig, first: int, w
     )
 
 
-def join_components(views: Views, model: KeypointNet) -> int:
+def join_components(config: KeypointConfig, views: Views, model: KeypointNet) -> int:
     """Lets the net place components that geometry alone cannot; returns how many joined."""
     waiting = [index for index in range(len(views.all)) if index not in views.registration.placed]
     if not waiting:
         return 0
     predictions = predict_views(predictor(model, views.heights), [views.all[index] for index in waiting])
     poses = [solve_pose(views.registration.keypoints, prediction) for prediction in predictions]
-    return join(views.registration, dict(zip(waiting, poses)))
+    count = join(views.registration, dict(zip(waiting, poses)))
+    views.hold_out_of([index for index in waiting if index in views.registration.placed], config)
+    return count
 
 
-def write_joined(path: Path, views: Views) -> None:
-    """Where the net placed components, so that a training that goes on keeps them."""
-    placed = {
-        name_of(views, component): component.component_from_keypoints.ravel().tolist()
-        for component in views.registration.components[1:]
-        if component.component_from_keypoints is not None
-    }
-    write_json(path, placed)
-
-
-def write_adopted(path: Path, views: Views) -> None:
-    """Where the keypoints of an exported net are, so that a training that goes on keeps them."""
-    placement = views.registration.components[0].component_from_keypoints
-    write_json(path, {"keypoints_m": views.registration.keypoints.tolist(), "placement": placement.tolist()})
-
-
-def read_adopted(path: Path, config: KeypointConfig, views: Views) -> None:
-    stored = bop.read_json(path)
-    views.place_keypoints(config, np.array(stored["keypoints_m"]), np.array(stored["placement"]))
-
-
-def write_json(path: Path, value: dict) -> None:
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(value))
-    part.replace(path)
-
-
-def read_joined(path: Path, views: Views) -> None:
-    placed = bop.read_json(path) if path.exists() else {}
-    for component in views.registration.components:
-        pose = placed.get(name_of(views, component))
-        if pose is not None and component.component_from_keypoints is None:
-            views.registration.place(component, np.array(pose).reshape(4, 4))
-
-
-def name_of(views: Views, component: Component) -> str:
-    """By its first image."""
-    return str(views.all[component.views[0]].image_path)
-
-
-def augmentation_fade(progress: float) -> float:
-    """1 for half of the training, then falling to FINAL_AUGMENTATION."""
-    return 1 - (1 - FINAL_AUGMENTATION) * max(0.0, min(1.0, (progress - 0.5) / 0.3))
+def augmentation_fade(step: int, steps: int, cooling: tuple[int, int] | None = None) -> float:
+    """1 for half of the training, then falling to FINAL_AUGMENTATION; where it ends sooner, within half of that."""
+    if cooling is not None and step >= cooling[0]:
+        first, last = cooling
+        start = augmentation_fade(first, steps)
+        return start - (start - FINAL_AUGMENTATION) * min(1.0, 2 * (step - first) / (last - first))
+    return 1 - (1 - FINAL_AUGMENTATION) * max(0.0, min(1.0, (step / steps - 0.5) / 0.3))
 
 
 class Validator:

@@ -153,7 +153,8 @@ def run_check(arguments: argparse.Namespace) -> None:
 def add_train(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("projects", type=Path, nargs="+", help="project folders; their objects share a detector")
     parser.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
-    parser.add_argument("--steps", type=int, default=6000, help="of each keypoint net")
+    parser.add_argument("--steps", type=int, default=6000, help="of each keypoint net, at most")
+    parser.add_argument("--to-the-end", action="store_true", help="all --steps, whether or not held-out photos gain")
     parser.add_argument("--detector-steps", type=int, default=1500)
     parser.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
     parser.add_argument("--workers", type=int, default=0, help="processes that prepare batches; a GPU needs several")
@@ -168,7 +169,9 @@ def run_train(arguments: argparse.Namespace) -> None:
     if min(arguments.steps, arguments.detector_steps) < 1:
         raise ValueError("--steps and --detector-steps: at least 1")
     use_threads(arguments.threads)
-    plan = Plan(arguments.models, arguments.steps, arguments.detector_steps, arguments.workers)
+    plan = Plan(
+        arguments.models, arguments.steps, arguments.detector_steps, arguments.workers, not arguments.to_the_end
+    )
     train_projects(arguments.projects, plan, arguments.init)
 
 

@@ -7,24 +7,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .. import detector, export
 from .. import train as training
 from ..bop import DatasetError, View, read_json, read_views
 from ..check import check
 from ..config import DetectorConfig, KeypointConfig
-from ..registration import angles_deg, consensus
-from ..validate import predict_views, solve_pose
+from ..held_out import look
+from ..spread import in_words
 from . import project as projects
+from . import result as results
 from .backgrounds import make_backgrounds
 from .checking import MIN_VISIBLE, up
+from .judged import judge
 from .project import SPLIT, Item, Project
 from .symmetry import motions
+from .weak import advice
 
 SCENES = ("camera", "gt", "gt_info")
-AGREES_DEG, AGREES_M = 20.0, 0.1
-"""Poses of held-out photos within these of the others' mean are counted in the spread."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,8 @@ class Plan:
     steps: int
     detector_steps: int
     workers: int
+    stops_itself: bool = True
+    """Keypoint nets, once they learn no more."""
 
 
 def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> None:
@@ -77,16 +78,24 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
         backgrounds="backgrounds",
         symmetries_discrete=motions(item.symmetries),
         steps=plan.steps,
+        stops_itself=plan.stops_itself,
     )
     out, before = run_folders(project, item, views)
     init = init or before
-    net, placed, _, step = training.train(settings, project.folder, out, init, plan.workers)
-    held_out = spread(net, placed)
-    summary = {"network": settings.network, "steps": plan.steps, "best_step": step, "views": len(views)}
-    summary |= {"relative_poses": "camera", "held_out": held_out}
+    net, placed, _, step, last = training.train(settings, project.folder, out, init, plan.workers)
+    told = look(training.predictor(net, placed.heights), placed)
+    spread = {"photos": 0, "agreeing": 0} if told is None else told.spread
+    summary = {"network": settings.network, "steps": last, "best_step": step, "views": len(views)}
+    summary |= {"relative_poses": "camera", "held_out": spread}
     identity = {"name": item.name, "obj_id": item.obj_id}
-    export.export_keypoints(net.cpu(), placed, plan.models / item.name, identity, summary, settings.symmetries_discrete)
-    print(f"{item.name}: {describe(held_out)}")
+    model = plan.models / item.name
+    export.export_keypoints(net.cpu(), placed, model, identity, summary, settings.symmetries_discrete)
+    results.write(out, export.sha256(model / "keypoints.onnx"), settings.network, last, step, placed)
+    print("\n".join([f"{item.name}: {in_words(spread)}", *(f"  - {one}" for one in weaknesses(project, item, plan))]))
+
+
+def weaknesses(project: Project, item: Item, plan: Plan) -> list[str]:
+    return advice(judge(project, item, plan.models))
 
 
 def run_folders(project: Project, item: Item, views: list[View]) -> tuple[Path, Path | None]:
@@ -95,44 +104,6 @@ def run_folders(project: Project, item: Item, views: list[View]) -> tuple[Path, 
     folders = [project.folder / "runs" / (item.name if k == 1 else f"{item.name}-{k}") for k in range(1, scenes + 1)]
     trained = [folder / "checkpoint.pt" for folder in folders[:-1] if (folder / "checkpoint.pt").exists()]
     return folders[-1], trained[-1] if trained else None
-
-
-def spread(net, placed) -> dict[str, float]:
-    """How far the poses that the net finds in held-out photos lie from their mean in the scene, where the object stood
-    still: an accuracy that needs no truth. Each in the scene of its photo."""
-    by_scene, found = defaultdict(list), 0
-    held_out = [placed.all[index] for index in placed.held_out]
-    predictions = predict_views(training.predictor(net, placed.heights), held_out)
-    for view, prediction in zip(held_out, predictions):
-        pose = solve_pose(placed.registration.keypoints, prediction)
-        if pose is not None:
-            by_scene[view.split, view.scene].append(np.linalg.inv(view.camera_from_world) @ pose)
-    degrees, millimetres = [], []
-    for poses in by_scene.values():
-        poses = np.stack(poses)
-        mean = consensus(poses, AGREES_DEG, AGREES_M)
-        # Of a symmetric object, the nearest of its equal poses.
-        alike = [poses @ motion for motion in placed.motions]
-        turned = np.stack([angles_deg(one, mean[None])[:, 0] for one in alike])
-        degrees += turned.min(0).tolist()
-        millimetres += (1000 * np.linalg.norm(poses[:, :3, 3] - mean[:3, 3], axis=1)).tolist()
-    found = int(np.sum((np.array(degrees) < AGREES_DEG) & (np.array(millimetres) < 1000 * AGREES_M)))
-    result = {"photos": len(held_out), "agreeing": found}
-    if degrees:
-        result |= {"median_degrees": round(float(np.median(degrees)), 2)}
-        result |= {"median_mm": round(float(np.median(millimetres)), 2)}
-    return result
-
-
-def describe(held_out: dict[str, float]) -> str:
-    words = f"{held_out['agreeing']} of {held_out['photos']} held-out photos agree on the object's place in the scene"
-    if "median_degrees" in held_out:
-        words += f"; spread {held_out['median_degrees']:.1f} degrees, {held_out['median_mm']:.1f} mm in the median"
-    if held_out["agreeing"] < 0.8 * held_out["photos"]:
-        words += (
-            ". That is weak: train longer (--steps), or add photos from where those look that fail (`posed-train add`)"
-        )
-    return words
 
 
 def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> None:
