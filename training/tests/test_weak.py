@@ -7,7 +7,8 @@ import pytest
 
 from posed_train.bop import View
 from posed_train.onboard.coverage import Coverage
-from posed_train.onboard.judged import Judged, Judgement
+from posed_train.onboard.expect import expect
+from posed_train.onboard.judged import Judged, Judgement, Network
 from posed_train.onboard.weak import advice
 from posed_train.pnp import Solved, stepped
 from posed_train.spread import Deviation
@@ -33,7 +34,8 @@ def around(count=200, lowest=5.0):
 def found(photos, seen=None, count=200):
     seen = {"000000": seen or around(count)}
     views = [photo(k).view for k in range(count)]
-    return Judgement(None, None, None, views, photos, seen, {("000000", k): f"IMG_{k}.jpg" for k in range(count)})
+    names = {("000000", k): f"IMG_{k}.jpg" for k in range(count)}
+    return Judgement(Network(Path(), {"input": {"size": 160}}), None, None, views, photos, seen, names)
 
 
 def said(*arguments, **more) -> str:
@@ -82,3 +84,13 @@ def test_covariances_that_are_too_small_are_told():
 def test_few_photos_and_none_held_out_are_told():
     assert "40 photos are few" in said([photo(k) for k in range(8)], count=40)
     assert "no photo was held out" in said([])
+
+
+def test_errors_grow_with_the_distance_once_pixels_are_few():
+    """At 106 px the object has as many pixels as the net's crop, less its margin."""
+    rows = expect(found([photo(k, degrees=2.0, mm=5.0, side=320.0) for k in range(6)]), (1, 2, 3, 6, 12))
+    degrees, depth = [row.degrees for row in rows], [row.depth_mm for row in rows]
+    assert [round(row.side_px) for row in rows] == [320, 160, 107, 53, 27]
+    assert degrees == pytest.approx([2, 2, 2, 4, 8]) and depth == pytest.approx([5, 10, 15, 60, 240])
+    assert [row.photographed for row in rows] == [True, False, False, False, False]
+    assert expect(found([photo(k, np.inf) for k in range(6)])) == []

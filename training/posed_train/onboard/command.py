@@ -14,6 +14,7 @@ def add_commands(commands) -> None:
     add_new(commands.add_parser("new", help="make a project of photos of an object on a board of tags"))
     add_add(commands.add_parser("add", help="more photos of a project's objects: another room, or another side down"))
     add_train(commands.add_parser("train", help="train keypoint nets and a detector for one or more projects"))
+    add_export(commands.add_parser("export", help="write each object's bundle, for `posed objects add`, and a report"))
     add_label(commands.add_parser("label", help="find boxes and masks in all photos, from boxes drawn in three"))
 
 
@@ -173,6 +174,24 @@ def run_train(arguments: argparse.Namespace) -> None:
         arguments.models, arguments.steps, arguments.detector_steps, arguments.workers, not arguments.to_the_end
     )
     train_projects(arguments.projects, plan, arguments.init)
+
+
+def add_export(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("--object", help="of the project; all, if none is given")
+    parser.add_argument("--models", type=Path, default=Path("models"), help="where `train` put the networks")
+    parser.add_argument("--out", type=Path, default=Path(), help="folder of the bundles (here)")
+    parser.add_argument("--posed", type=Path, help="the program: its figures go into the report, too")
+    parser.add_argument("--without-detector", action="store_true", help="the server's own knows the object")
+    parser.set_defaults(run=run_export)
+
+
+def run_export(arguments: argparse.Namespace) -> None:
+    from .exporting import Wanted, export_project
+
+    wanted = Wanted(arguments.models, arguments.out, arguments.posed, not arguments.without_detector)
+    print("\n".join(export_project(arguments.project, arguments.object, wanted)))
+    print("next, `posed objects add NAME.posed`, or PUT it to /v1/objects/NAME of a running server")
 
 
 def positive(text: str) -> float:

@@ -46,6 +46,11 @@ class Network:
     def scale(self) -> np.ndarray:
         return np.array(self.manifest["covariance_scale"])
 
+    @property
+    def trusted(self) -> bool:
+        """Whether posed corrects its covariances (`posed-train trust`): then they are not those of `solve`."""
+        return "trust" in self.manifest
+
     def solve(self, views: Sequence[View]) -> list[Solved | None]:
         found = predict_views(predictor(self.folder / "keypoints.onnx", self.heights), list(views))
         return [solve(self.keypoints, one, self.scale) for one in found]

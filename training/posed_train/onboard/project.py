@@ -87,6 +87,8 @@ def replace_text(path: Path, text: str) -> None:
 def check_name(name: str) -> str:
     if not NAME.fullmatch(name):
         raise DatasetError(f"object name {name!r}: small letters, digits, - and _, at most 64")
+    if name == "detector":
+        raise DatasetError("object name 'detector': the folder of models keeps its detector under that name")
     return name
 
 

@@ -47,7 +47,8 @@ def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> No
     for project, item, views in work:
         train_keypoints(project, item, views, plan, init)
     train_detector(work, plan)
-    print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed calibrate`")
+    folders = " ".join(dict.fromkeys(str(project.folder) for project in loaded))
+    print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed-train export {folders}`")
 
 
 def ready(project: Project, item: Item) -> list[View]:

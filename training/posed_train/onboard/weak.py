@@ -31,7 +31,8 @@ def advice(found: Judgement) -> list[str]:
         said.append("no photo was held out, so nothing tells how good the net is: add photos (`posed-train add`)")
     elif len(found.views) < FEW_PHOTOS:
         said.append(f"{len(found.views)} photos are few: {FEW_PHOTOS} to 200 learn well (`posed-train add`)")
-    said += sure_of_itself(held_out)
+    if not found.network.trusted:
+        said += sure_of_itself(held_out)
     if len(found.seen) == 1:
         said.append(
             "all photos are of one place and one light: if it is to be found elsewhere, photograph it there, too "
@@ -81,10 +82,12 @@ def worse(held_out: Sequence[Judged], within: Callable[[Judged], bool], where: s
     if min(len(inside), len(others)) < FEW_IN_A_GROUP:
         return []
     here, there = middle(inside), middle(others)
-    if not np.isfinite(there).all() or (here <= MUCH_WORSE * there).all():
+    if not np.isfinite(there).all():
         return []
     if not np.isfinite(here).all():
         return [f"{where}, most of {len(inside)} photos have no pose: {cure}"]
+    if np.sqrt(np.prod(here / np.maximum(there, 1e-9))) <= MUCH_WORSE:
+        return []
     return [
         f"{where}, {here[0]:.1f} degrees and {here[1]:.1f} mm in the median of {len(inside)} photos, elsewhere "
         f"{there[0]:.1f} and {there[1]:.1f}: {cure}"
