@@ -58,12 +58,18 @@ class Camera:
 def read_camera(path: Path) -> Camera:
     """A camera file of posed's."""
     try:
-        values = json.loads(path.read_text())
+        return parse_camera(json.loads(path.read_text()), str(path))
+    except OSError as error:
+        raise DatasetError(f"{path}: {error.strerror}") from None
+    except json.JSONDecodeError as error:
+        raise DatasetError(f"{path}: not a camera file ({error})") from None
+
+
+def parse_camera(values: dict, path: str) -> Camera:
+    try:
         size = int(values["width"]), int(values["height"])
         matrix = np.array([[values["fx"], 0, values["cx"]], [0, values["fy"], values["cy"]], [0, 0, 1]], float)
         distortion = np.array(values.get("distortion", NO_DISTORTION), float).ravel()
-    except OSError as error:
-        raise DatasetError(f"{path}: {error.strerror}") from None
     except (ValueError, TypeError) as error:
         raise DatasetError(f"{path}: not a camera file ({error})") from None
     except KeyError as error:

@@ -15,7 +15,7 @@ def add_commands(commands) -> None:
     add_add(commands.add_parser("add", help="more photos of a project's objects: another room, or another side down"))
     add_train(commands.add_parser("train", help="train keypoint nets and a detector for one or more projects"))
     add_export(commands.add_parser("export", help="write each object's bundle, for `posed objects add`, and a report"))
-    add_label(commands.add_parser("label", help="find boxes and masks in all photos, from boxes drawn in three"))
+    add_label(commands.add_parser("label", help="boxes and masks in all photos, by a 3D box placed in a page"))
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
@@ -127,15 +127,57 @@ def run_add(arguments: argparse.Namespace) -> None:
 
 def add_label(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--box", type=Path, required=True, help="JSON file of drawn boxes")
+    labels = parser.add_mutually_exclusive_group()
+    labels.add_argument("--box", type=Path, help="JSON file of drawn boxes")
+    labels.add_argument("--coco", type=Path, help="COCO file of boxes, outlines or masks")
+    labels.add_argument("--labelme", type=Path, help="folder of labelme's JSON files")
+    labels.add_argument("--yolo", type=Path, help="folder of YOLO's text files, with classes.txt or data.yaml")
+    labels.add_argument("--masks", type=Path, help="folder of PNG masks, or of one for each object")
+    parser.add_argument(
+        "--category", action="append", default=[], metavar="THEIRS=OURS", help="what a file calls an object"
+    )
+    parser.add_argument("--port", type=int, default=0, help="of the page, which is there if no labels are given (any)")
     parser.set_defaults(run=run_label)
 
 
 def run_label(arguments: argparse.Namespace) -> None:
-    from .label import label
+    if not (arguments.box or arguments.coco or arguments.labelme or arguments.yolo or arguments.masks):
+        from .page_server import serve
 
-    print(label(arguments.project, arguments.box))
+        serve(arguments.project, arguments.port)
+        return
+    if arguments.box:
+        from .label import label
+
+        print(label(arguments.project, arguments.box))
+    else:
+        from .existing import import_labels
+
+        print(import_labels(arguments.project, read_labels(arguments), categories(arguments.category)))
     print(f"{arguments.project}: look at pictures/labels-*.jpg; next, `posed-train check {arguments.project}`")
+
+
+def read_labels(arguments: argparse.Namespace) -> list:
+    from . import project
+    from .from_coco import read_coco
+    from .from_labelme import read_labelme
+    from .from_masks import read_masks
+    from .from_yolo import read_yolo
+
+    if arguments.coco:
+        return read_coco(arguments.coco)
+    if arguments.labelme:
+        return read_labelme(arguments.labelme)
+    if arguments.yolo:
+        return read_yolo(arguments.yolo)
+    return read_masks(arguments.masks, [item.name for item in project.load(arguments.project).items])
+
+
+def categories(told: list[str]) -> dict[str, str]:
+    for text in told:
+        if "=" not in text:
+            raise ValueError(f"--category {text}: write what the file calls it, =, and the project's name for it")
+    return dict(text.rsplit("=", 1) for text in told)
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:

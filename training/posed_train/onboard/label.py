@@ -1,8 +1,6 @@
 """`posed-train label`: boxes drawn in a few photos become boxes, masks and poses in all of a scene's."""
 
 import json
-import os
-import shutil
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,17 +10,17 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from ..bop import DatasetError, image_path, pose_entry, read_json, stated_pose, write_mask
+from ..bop import DatasetError, image_path, read_json, stated_pose
 from . import project as projects
 from .coverage import draw_sheet, thumbnail
-from .drawn import parse, read_file
+from .drawn import BAD, parse, read_file
+from .labels import Entry, write_entries
 from .outlines import Label, Shape, find_shape, fit_solid, label_photo, measure
-from .project import Project, replace_text
+from .project import Item, Project, replace_text
 from .scene import photo_names
 from .solid import Frame, Solid
 
 DRAWN = "drawn.json"
-LEAST_BOX_PX = 8
 STANDING_FROM_BOARD = np.diag([1.0, -1.0, -1.0, 1.0])
 """z up: a board's z points into it."""
 COLOURS = ((60, 220, 60), (255, 140, 40), (60, 60, 255), (220, 60, 220), (40, 220, 220), (255, 255, 80))
@@ -89,11 +87,17 @@ def label(folder: Path, drawn_file: Path) -> str:
     drawn = parse(values, drawn_file, project, set().union(*photos.values()))
     texts = []
     for name, scene in scenes.items():
-        mine = {item for item, one in drawn.items() if one.solid is not None or set(one.boxes) <= photos[name]}
-        if mine:
-            texts.append(label_scene(project, scene, {item: values[item] for item in mine}))
+        mine = [item for item, one in drawn.items() if one.is_of(name, photos[name], alone=len(scenes) == 1)]
+        given = {item: values[item] for item in mine}
+        if BAD in values:
+            given[BAD] = [photo for photo in values[BAD] if photo in photos[name]]
+        if mine or given.get(BAD):
+            texts.append(label_scene(project, scene, given))
     if not texts:
-        raise DatasetError(f"{drawn_file}: the photos of an object must be of one scene; it mixes several")
+        raise DatasetError(
+            f"{drawn_file}: the photos of an object must be of one scene, and a 3D box must name it (scene); there are "
+            f"{', '.join(scenes)}"
+        )
     return "\n".join(texts)
 
 
@@ -105,6 +109,7 @@ def label_scene(project: Project, scene: Scene, values: dict) -> str:
     """With what was drawn of other objects before: they can be added one by one."""
     kept = scene.folder / DRAWN
     values = (read_file(kept) if kept.exists() else {}) | values
+    bad = {frame.image_id for frame in scene.frames if frame.name in values.get(BAD, [])}
     drawn = parse(values, kept, project, {frame.name for frame in scene.frames})
     items = [item for item in project.items if item.name in drawn]
     shapes = []
@@ -117,12 +122,15 @@ def label_scene(project: Project, scene: Scene, values: dict) -> str:
         for k, (item, shape) in enumerate(zip(items, shapes))
     ]
     for item, solid in zip(items, solids):
-        item.solid, item.size_mm = solid.kind, [round(float(1000 * side), 1) for side in solid.size]
+        one = drawn[item.name]
+        item.up, item.symmetries = one.up or item.up, item.symmetries if one.symmetries is None else one.symmetries
+        solid.describe(item)
     # Its frame is that of its box in the first scene: elsewhere nothing tells which of the box's sides is which.
-    write_labels(scene, [item.obj_id for item in items], solids, labels, scene.folder == project.scenes[0])
+    rows = entries(scene, items, solids, labels, with_poses=scene.folder == project.scenes[0])
+    write_entries(scene.folder, rows, of={item.obj_id for item in items}, bad=bad)
     replace_text(kept, json.dumps(values, indent=1))
     project.save()
-    draw_labels(scene.frames, solids, labels, project.folder / "pictures" / f"labels-{scene.folder.name}.jpg")
+    draw_labels(scene.frames, labels, project.folder / "pictures" / f"labels-{scene.folder.name}.jpg")
     return "\n".join(
         describe(item.name, shape, solid, [row[k] for row in labels])
         for k, (item, shape, solid) in enumerate(zip(items, shapes, solids))
@@ -134,36 +142,22 @@ def label_all(frames: Sequence[Frame], shapes: Sequence[Shape]) -> list[list[Lab
         return list(pool.map(lambda frame: label_photo(frame, read_image(frame), shapes), frames))
 
 
-def write_labels(
-    scene: Scene, obj_ids: list[int], solids: list[Solid], labels: list[list[Label]], with_poses: bool
-) -> None:
-    """Masks first, under another name; then they and the annotations take the old ones' place."""
-    masks = scene.folder / "mask_visib.part"
-    shutil.rmtree(masks, ignore_errors=True)
-    masks.mkdir()
-    poses, infos = {}, {}
+def entries(
+    scene: Scene, items: Sequence[Item], solids: Sequence[Solid], labels: list[list[Label]], with_poses: bool
+) -> dict[int, list[Entry]]:
+    rows = {}
     for frame, row in zip(scene.frames, labels):
-        poses[str(frame.image_id)], infos[str(frame.image_id)] = [], []
-        for index, (obj_id, solid, one) in enumerate(zip(obj_ids, solids, row)):
-            write_mask(masks / f"{frame.image_id:06d}_{index:06d}.png", one.mask)
-            pose = frame.camera_from_standing @ solid.standing_from_box
-            poses[str(frame.image_id)].append({"obj_id": obj_id} | (pose_entry(pose, "m2c") if with_poses else {}))
-            infos[str(frame.image_id)].append(info(one))
-    shutil.rmtree(scene.folder / "mask_visib", ignore_errors=True)
-    os.replace(masks, scene.folder / "mask_visib")
-    replace_text(scene.folder / "scene_gt.json", json.dumps(poses))
-    replace_text(scene.folder / "scene_gt_info.json", json.dumps(infos))
+        poses = [
+            frame.camera_from_standing @ solid.standing_from_object(item) if with_poses else None
+            for item, solid in zip(items, solids)
+        ]
+        rows[frame.image_id] = [
+            Entry(item.obj_id, one.box, one.visible, one.mask, pose) for item, one, pose in zip(items, row, poses)
+        ]
+    return rows
 
 
-def info(one: Label) -> dict:
-    area = int((one.mask > 0).sum())
-    x, y, w, h = one.box
-    if min(w, h) < LEAST_BOX_PX:
-        return {"bbox_visib": [-1, -1, -1, -1], "px_count_visib": 0, "visib_fract": 0.0}
-    return {"bbox_visib": [x, y, w, h], "px_count_visib": area, "visib_fract": round(one.visible, 4)}
-
-
-def draw_labels(frames: Sequence[Frame], solids: list[Solid], labels: list[list[Label]], path: Path) -> None:
+def draw_labels(frames: Sequence[Frame], labels: list[list[Label]], path: Path) -> None:
     """Outlines and boxes of all photos, small, to be looked over in a minute."""
 
     def one(pair: tuple[Frame, list[Label]]) -> np.ndarray:

@@ -10,7 +10,7 @@ from ..registration import project
 from .judged import Judged, Judgement
 from .project import Item
 from .result import offset
-from .solid import RIM
+from .solid import RIM, box_from_object
 
 SIDE_PX = 320
 AROUND = 1.7
@@ -52,8 +52,12 @@ def wireframe(found: Judgement, item: Item) -> tuple[np.ndarray, list[np.ndarray
         return np.eye(4), [np.array(pair) for pair in itertools.combinations(points, 2)], size
     sides = np.array(item.size_mm) / 1000
     keypoints_from_object = np.linalg.inv(object_from_keypoints)
-    lines = cylinder(sides) if item.solid == "cylinder" else box(sides)
-    moved = [line @ keypoints_from_object[:3, :3].T + keypoints_from_object[:3, 3] for line in lines]
+    object_from_box = box_from_object(item.up)[:3, :3].T
+    upright = np.abs(object_from_box).T @ sides
+    lines = cylinder(upright) if item.solid == "cylinder" else box(upright)
+    moved = [
+        line @ (keypoints_from_object[:3, :3] @ object_from_box).T + keypoints_from_object[:3, 3] for line in lines
+    ]
     return keypoints_from_object, moved, float(sides.max())
 
 

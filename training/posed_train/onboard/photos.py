@@ -36,6 +36,10 @@ class Photo:
     unscaled: bool = True
     mirrored: bool = False
     """Stored mirrored, with a note of it: turned back when it is read, `turns` included."""
+    stored: tuple[int, int] = (0, 0)
+    """Width and height in the file."""
+    orientation: int = 1
+    """As EXIF has it: how the stored image becomes an upright one."""
 
     def read(self, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
         if not self.mirrored:
@@ -81,6 +85,7 @@ def open_photo(path: Path, max_px: int = DEFAULT_MAX_PX) -> Photo:
     try:
         with Image.open(path) as image:
             (width, height), orientation = image.size, image.getexif().get(EXIF_ORIENTATION, 1)
+            stored = image.size
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise DatasetError(f"{path}: not a readable image") from None
     if width * height > MAX_PIXELS:
@@ -91,8 +96,9 @@ def open_photo(path: Path, max_px: int = DEFAULT_MAX_PX) -> Photo:
     if not unscaled:
         width, height = round(width * scale), round(height * scale)
     if orientation in (2, 4, 5, 7):
-        return Photo(path.name, path, width, height, 0, unscaled, mirrored=True)
-    return Photo(path.name, path, width, height, TURNS.get(orientation, 0), unscaled)
+        return Photo(path.name, path, width, height, 0, unscaled, True, stored, orientation)
+    turns = TURNS.get(orientation, 0)
+    return Photo(path.name, path, width, height, turns, unscaled, False, stored, orientation if turns else 1)
 
 
 def of_one_size(photos: list[Photo]) -> tuple[int, int]:

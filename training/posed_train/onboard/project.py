@@ -23,18 +23,21 @@ SETTINGS = "object.toml"
 SPLIT = "train"
 PHOTOS = "photos.json"
 SOLIDS = ("box", "cylinder")
+UPS = ("z", "y", "x", "-z", "-y", "-x")
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
 @dataclass
 class Item:
-    """One object of a project. Its frame is that of its box: origin in the middle, z up where it stood."""
+    """One object of a project. Its frame is that of its box: origin in the middle, z (or `up`) up where it stood."""
 
     name: str
     obj_id: int
     solid: str = "box"
     size_mm: list[float] = field(default_factory=list)
     """Of the box along its axes, empty until `label`."""
+    up: str = "z"
+    """The axis of its frame that points up where it stood."""
     symmetries: list[str] = field(default_factory=list)
     """Turns that it looks the same after: "z2" is half a turn about z, "x4" a quarter about x, "z" any about z."""
 
@@ -132,6 +135,8 @@ def read_item(table: dict, path: Path) -> Item:
     check_name(item.name)
     if item.solid not in SOLIDS:
         raise DatasetError(f"{path}: solid {item.solid!r}: choose one of {', '.join(SOLIDS)}")
+    if item.up not in UPS:
+        raise DatasetError(f"{path}: up {item.up!r}: choose one of {', '.join(UPS)}")
     return item
 
 

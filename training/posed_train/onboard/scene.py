@@ -11,6 +11,7 @@ import numpy as np
 
 from ..bop import pose_entry, write_annotations, write_image
 from .camera import Camera
+from .originals import write_originals
 from .photos import Photo
 from .project import PHOTOS
 
@@ -49,6 +50,7 @@ def write_scene(shots: Sequence[Shot], out: Path) -> None:
     for number, shot in enumerate(shots):
         matrix, pose = shot.upright
         cameras[str(number)] = {"cam_K": matrix.ravel().tolist()} | pose_entry(pose, "w2c")
+    write_originals(out, [(shot.photo, shot.camera) for shot in shots])
     (out / PHOTOS).write_text(json.dumps({str(k): shot.photo.name for k, shot in enumerate(shots)}, indent=1))
     empty = {str(number): [] for number in range(len(shots))}
     write_annotations(out, cameras, empty, empty)

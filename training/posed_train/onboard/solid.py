@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..bop import DatasetError
-from .project import SOLIDS
+from .project import SOLIDS, Item
 
 RIM = 2 * np.pi * np.arange(32) / 32
 OUTLINES = {
@@ -55,9 +55,19 @@ class Solid:
     def centre(self) -> np.ndarray:
         return self.base + np.array([0, 0, self.size[2] / 2])
 
+    def standing_from_object(self, item: Item) -> np.ndarray:
+        """`[4, 4]`: the object's frame is its box's, its axes named as the item says."""
+        return self.standing_from_box @ box_from_object(item.up)
+
+    def describe(self, item: Item) -> None:
+        """Tells the item its solid and size."""
+        item.solid = self.kind
+        along = np.abs(box_from_object(item.up)[:3, :3]).T @ self.size
+        item.size_mm = [round(float(1000 * side), 1) for side in along]
+
     @property
     def standing_from_box(self) -> np.ndarray:
-        """`[4, 4]`: the object's frame, that of its box."""
+        """`[4, 4]`: the frame of its box, z up, origin in the middle."""
         pose = np.eye(4)
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         pose[:2, :2] = [[cos, -sin], [sin, cos]]
@@ -82,6 +92,15 @@ class Solid:
         if self.size[1] > self.size[0]:
             solid = replace(self, yaw=self.yaw + np.pi / 2, size=self.size[[1, 0, 2]])
         return replace(solid, yaw=float((solid.yaw + np.pi / 2) % np.pi - np.pi / 2))
+
+
+def box_from_object(up: str) -> np.ndarray:
+    """`[4, 4]`: the frame of an object whose axis `up` points up, in that of its box, whose z does. Axes change places
+    by turns."""
+    places = np.roll(np.eye(3), -"zxy".index(up[-1]), axis=0)
+    turn = np.eye(4)
+    turn[:3, :3] = (np.diag([1.0, -1, -1]) if up.startswith("-") else np.eye(3)) @ places
+    return turn
 
 
 def silhouette(solid: Solid, frame: Frame) -> np.ndarray:
