@@ -24,6 +24,7 @@ export const REASON = {
   few_inliers: 'Too few keypoints agree with it.',
   high_residual: 'The keypoints are further from it than their covariances allow.',
   planar_ambiguity: 'A second, very different pose fits the keypoints about as well.',
+  two_answers: 'The network sees most keypoints in two places, which make two poses.',
   box_mismatch: 'It is not where the detector found the object.',
   weak_keypoints: 'The network is unsure of most keypoints.',
   no_pose: 'No pose puts the keypoints in front of the camera.',

@@ -95,15 +95,27 @@ pub struct Detection {
 }
 
 /// What a keypoint net says, in image pixels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct KeypointPrediction {
     pub pixels: Vec<Vector2<f64>>,
     /// Calibrated 2x2 covariances, px².
     pub covariances: Vec<Matrix2<f64>>,
     /// Probability mass about each keypoint, 0..1.
     pub peaks: Vec<f64>,
+    /// Where else the network sees them, if it says so.
+    pub second: Option<SecondPeaks>,
+    /// How little the crops look like those that the network learned from: about 1 for one of them.
+    pub unfamiliarity: Option<f64>,
     /// How far the crops that it was averaged over differ.
     pub spread: Spread,
+}
+
+/// The second peaks of the keypoints' heatmaps: where an image leaves two answers open, they are the other one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SecondPeaks {
+    pub pixels: Vec<Vector2<f64>>,
+    /// Probability mass about each, of the mass about the first peak.
+    pub weights: Vec<f64>,
 }
 
 /// How far the crops of one box agree. `None` where there was but one, or one look.
@@ -124,7 +136,8 @@ impl KeypointPrediction {
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let pixels = self.pixels.iter().flatten().chain(self.covariances.iter().flatten());
-        pixels.chain(&self.peaks).all(|value| value.is_finite())
+        let second = self.second.iter().flat_map(|second| second.pixels.iter().flatten().chain(&second.weights));
+        pixels.chain(&self.peaks).chain(second).chain(&self.unfamiliarity).all(|value| value.is_finite())
     }
 }
 

@@ -45,8 +45,8 @@ fn gather(
     let centre = solution.pose.translation();
     let (shift, _) = in_box(centre, diameter_m, region, camera).unwrap_or((1.0, 1.0));
     let extent_px = extent_px(centre, diameter_m, camera);
-    let mut peaks = prediction.peaks.clone();
-    peaks.sort_by(f64::total_cmp);
+    let peaks = sorted(&prediction.peaks);
+    let second = prediction.second.as_ref().map(|second| sorted(&second.weights));
     let points = solution.residuals().len().max(1) as f64;
     let spread = &prediction.spread;
     let [depth, lateral, rotation] = spreads(&solution.covariance, centre);
@@ -57,8 +57,10 @@ fn gather(
         crops_scale: spread.scale.map_or(f64::NAN, ln),
         crops_left_out: spread.left_out,
         look_moved: spread.moved.map_or(f64::NAN, ln),
-        peak: peaks.get(peaks.len() / 2).copied().unwrap_or(0.0),
+        peak: middle(&peaks),
         least_peak: peaks.first().copied().unwrap_or(0.0),
+        second_peak: second.map_or(f64::NAN, |weights| middle(&weights)),
+        unfamiliarity: prediction.unfamiliarity.map_or(f64::NAN, ln),
         residual: ln(solution.chi2 / (solution.degrees_of_freedom.max(1) as f64)),
         outliers: 1.0 - solution.inlier_count() as f64 / points,
         rivals: 1.0 - solution.weight,
@@ -105,6 +107,17 @@ fn scaled_covariance(
     let mut factors = Covariance6::identity() * rotation;
     factors.fixed_view_mut::<3, 3>(0, 0).copy_from(&(along * depth + (Matrix3::identity() - along) * lateral));
     factors * covariance * factors
+}
+
+fn sorted(values: &[f64]) -> Vec<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted
+}
+
+/// The median of what is sorted.
+fn middle(sorted: &[f64]) -> f64 {
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn ln(value: f64) -> f64 {

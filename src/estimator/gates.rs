@@ -4,7 +4,7 @@ use image::RgbImage;
 
 use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedKeypoint, SolvedPose};
 use super::evidence::{self, in_box};
-use super::keypoints::solve;
+use super::second_peaks::{Solved, solve};
 use super::verdict::{Reason, Verdict};
 use crate::model::{Evidence, ObjectModel};
 use crate::vision::box_corners;
@@ -52,7 +52,7 @@ pub(super) fn object_pose(
         verdict.object(Reason::NotFinite, Status::Rejected);
         return answer(verdict, None);
     }
-    let Ok(mut solution) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
+    let Ok(Solved { mut solution, has_rival }) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
@@ -60,6 +60,9 @@ pub(super) fn object_pose(
     let (evidence, probability) = evidence::judge(manifest, &detection, prediction, &mut solution, image, camera);
     let pose = solved_pose(model, offset, &solution, prediction, evidence, probability);
     let mut verdict = Verdict::of(&solution);
+    if has_rival {
+        verdict.object(Reason::TwoAnswers, Status::Ambiguous);
+    }
     if manifest.trust.as_ref().zip(probability).is_some_and(|(trust, probability)| probability < trust.ok_probability) {
         verdict.object(Reason::Improbable, Status::LowConfidence);
     }

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use serde::Deserialize;
 use thiserror::Error;
 
-use super::keypoints::raw_keypoints;
+use super::reading::raw_keypoints;
 use crate::model::{Backend, ManifestError, ObjectModel, RuntimeError, read_json};
 
 /// `models/<object>/parity.json`.

@@ -11,6 +11,8 @@ pub enum Reason {
     HighResidual,
     /// A second pose, far from the first, has a comparable cost.
     PlanarAmbiguity,
+    /// The network sees most keypoints in two places, which make two poses.
+    TwoAnswers,
     /// The keypoints of the pose do not lie where the detector saw the object.
     BoxMismatch,
     /// The network is unsure of most keypoints.
@@ -45,6 +47,7 @@ impl std::fmt::Display for Reason {
             Self::FewInliers => "few_inliers",
             Self::HighResidual => "high_residual",
             Self::PlanarAmbiguity => "planar_ambiguity",
+            Self::TwoAnswers => "two_answers",
             Self::BoxMismatch => "box_mismatch",
             Self::WeakKeypoints => "weak_keypoints",
             Self::NoPose => "no_pose",
@@ -63,8 +66,9 @@ impl std::fmt::Display for Reason {
 }
 
 /// Every reason, in the order in which they are reported.
-const REASONS: [Reason; 16] = [
+const REASONS: [Reason; 17] = [
     Reason::PlanarAmbiguity,
+    Reason::TwoAnswers,
     Reason::HighResidual,
     Reason::FewInliers,
     Reason::WeakKeypoints,

@@ -20,6 +20,10 @@ pub struct Evidence {
     pub peak: f64,
     /// The least of them.
     pub least_peak: f64,
+    /// Median of the second peaks' mass, of that of the first ones.
+    pub second_peak: f64,
+    /// Logarithm of how little the crops look like those of training, as the network says.
+    pub unfamiliarity: f64,
     /// Logarithm of chi-square over degrees of freedom.
     pub residual: f64,
     /// Share of the keypoints that do not agree with the pose.
@@ -56,7 +60,7 @@ pub struct Evidence {
 
 impl Evidence {
     /// Number of fields.
-    pub const COUNT: usize = 23;
+    pub const COUNT: usize = 25;
 
     /// Its fields by name.
     #[must_use]
@@ -69,6 +73,8 @@ impl Evidence {
             ("look_moved", self.look_moved),
             ("peak", self.peak),
             ("least_peak", self.least_peak),
+            ("second_peak", self.second_peak),
+            ("unfamiliarity", self.unfamiliarity),
             ("residual", self.residual),
             ("outliers", self.outliers),
             ("rivals", self.rivals),

@@ -59,6 +59,12 @@ pub struct Outputs {
 }
 
 impl Outputs {
+    /// Whether there is an output of this name, of whatever kind.
+    #[must_use]
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors.iter().any(|output| output.name == name) || self.others.iter().any(|other| other == name)
+    }
+
     /// The output of a name.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ mod onnx;
 mod queue;
 mod real;
 mod script;
+mod second_peaks;
 mod tray;
 mod trust;
 mod zoom;

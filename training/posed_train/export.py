@@ -23,6 +23,7 @@ from .bop import View
 from .crops import CROP_SCALE, ZOOM, first_crop
 from .data import Views
 from .exported import predictor, session
+from .familiar import Unfamiliarity, unfamiliarity
 from .heatmap import Decode, SecondPeak
 from .network import KeypointNet
 from .validate import CROP_ENSEMBLE, Predictor, predict_views
@@ -34,21 +35,22 @@ PARITY_CROPS = 3
 MAX_DETECTIONS_PER_CLASS = 32  # more would not help: the service takes so many of an image
 
 
-KEYPOINT_OUTPUTS = ("keypoints", "covariances", "peaks", "second_keypoints", "second_weights", "features")
+KEYPOINT_OUTPUTS = ("keypoints", "covariances", "peaks", "second_keypoints", "second_weights", "unfamiliarity")
 
 
 class KeypointExport(nn.Module):
     """`[B, S, S, 3]` uint8 -> what KEYPOINT_OUTPUTS names: `[B, N, 2]` and `[B, N, 2, 2]` in crop pixels, `[B, N]`;
-    the second peaks' `[B, N, 2]` and `[B, N]`; `[B, F]`."""
+    the second peaks' `[B, N, 2]` and `[B, N]`; `[B]`."""
 
-    def __init__(self, net: KeypointNet):
+    def __init__(self, net: KeypointNet, unfamiliarity: Unfamiliarity):
         super().__init__()
         cells = net.input_size // net.stride
         self.net, self.decode, self.second = net, Decode(cells, net.stride), SecondPeak(cells, net.stride)
+        self.unfamiliarity = unfamiliarity
 
     def forward(self, crops: Tensor) -> tuple[Tensor, ...]:
         logits, features = self.net.with_features(crops.permute(0, 3, 1, 2).float() / 255)
-        return (*self.decode(logits), *self.second(logits), features)
+        return (*self.decode(logits), *self.second(logits), self.unfamiliarity(features))
 
 
 class DetectorExport(nn.Module):
@@ -239,7 +241,7 @@ def export_keypoints(
 ) -> None:
     """Writes `keypoints.onnx`, `object.json` and the parity files; refuses an export that differs from PyTorch."""
     out.mkdir(parents=True, exist_ok=True)
-    module = KeypointExport(net)
+    module = KeypointExport(net, unfamiliarity(net, views))
     fold_batch_norms(module)
     round_to_bytes(module)
     example = torch.randint(0, 256, (2, net.input_size, net.input_size, 3), dtype=torch.uint8)

@@ -19,6 +19,7 @@ from posed_train import (
     detector,
     efficientnet,
     export,
+    familiar,
     network,
     quantize,
     registration,
@@ -124,10 +125,12 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     manifest = json.loads((out / "object.json").read_text())
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
     assert manifest["second_look"]["up"] == [0, 0, 1]
-    features = {
-        f.name: f.type.tensor_type.shape.dim[1].dim_value for f in onnx.load(out / "keypoints.onnx").graph.output
-    }
-    assert list(features) == list(export.KEYPOINT_OUTPUTS) and features["features"] == 256
+    net = export.session(out / "keypoints.onnx")
+    assert [output.name for output in net.get_outputs()] == list(export.KEYPOINT_OUTPUTS)
+    crops = np.stack([familiar.closest_crop(views, index, SIZE) for index in range(6)])
+    noise = rng.integers(0, 256, crops.shape, np.uint8)
+    known, unknown = (net.run(["unfamiliarity"], {"image": images})[0] for images in (crops, noise))
+    assert 0.3 < known.mean() < 3 and unknown.min() > 2 * known.max()
     parameters = sum(value.numel() for value in net.parameters())
     assert (out / "keypoints.onnx").stat().st_size < 1.2 * parameters
     assert len(manifest["covariance_scale"]) == 8 and min(manifest["covariance_scale"]) > 0

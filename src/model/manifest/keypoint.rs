@@ -106,7 +106,9 @@ pub struct KeypointInput {
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum KeypointOutput {
-    /// `keypoints [B, N, 2]`, `covariances [B, N, 2, 2]` in crop pixels and `peaks [B, N]` in 0..1.
+    /// `keypoints [B, N, 2]`, `covariances [B, N, 2, 2]` in crop pixels and `peaks [B, N]` in 0..1. If there are any, also
+    /// `second_keypoints [B, N, 2]` with `second_weights [B, N]`: the heatmaps' second peaks and their mass, of the first
+    /// ones' mass; and `unfamiliarity [B]`: how little a crop looks like those of training, about 1 for one of them.
     Keypoints,
     /// One output `[B, N, h, w]` of logits, h = w.
     Heatmaps,

@@ -32,6 +32,8 @@ pub enum ReasonForm {
     HighResidual,
     /// A second, very different pose fits the keypoints about as well.
     PlanarAmbiguity,
+    /// The network sees most keypoints in two places, which make two poses. See the alternatives.
+    TwoAnswers,
     /// The pose is not where the detector found the object.
     BoxMismatch,
     /// The network is unsure of most keypoints.
@@ -78,6 +80,7 @@ impl From<Reason> for ReasonForm {
             Reason::FewInliers => Self::FewInliers,
             Reason::HighResidual => Self::HighResidual,
             Reason::PlanarAmbiguity => Self::PlanarAmbiguity,
+            Reason::TwoAnswers => Self::TwoAnswers,
             Reason::BoxMismatch => Self::BoxMismatch,
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,

@@ -149,6 +149,7 @@ impl From<Reason> for proto::Reason {
             Reason::FewInliers => Self::FewInliers,
             Reason::HighResidual => Self::HighResidual,
             Reason::PlanarAmbiguity => Self::PlanarAmbiguity,
+            Reason::TwoAnswers => Self::TwoAnswers,
             Reason::BoxMismatch => Self::BoxMismatch,
             Reason::WeakKeypoints => Self::WeakKeypoints,
             Reason::NoPose => Self::NoPose,
