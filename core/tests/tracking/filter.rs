@@ -127,3 +127,49 @@ fn predictions_follow_the_motion() {
     assert!(off.fixed_rows::<3>(0).norm() < 2e-3 && off.fixed_rows::<3>(3).norm() < 0.02, "{off}");
     assert_eq!(ahead.id, 1);
 }
+
+/// Errors that fade slowly, as those of a network do that sees an object from one side and then from another: much of them is left
+/// after a second. The covariance knows of it.
+#[test]
+fn slow_errors_of_a_still_object_are_allowed_for() {
+    let (mut sum, mut count) = (0.0, 0.0);
+    let kept = (-FRAME_S / 0.7).exp();
+    for seed in 0..20 {
+        let mut random = SmallRng::seed_from_u64(100 + seed);
+        let root = covariance().cholesky().unwrap().l();
+        let (mut stream, mut error) = (Stream::new(Options::default()), gaussian(&mut random));
+        for frame in 0..300 {
+            error = error * kept + gaussian(&mut random) * (1.0 - kept * kept).sqrt();
+            let view = stream.frame(&[saw(moved(&at(0.0), &(root * error)))]).swap_remove(0);
+            assert_eq!(view.id, 1);
+            if frame >= 60 {
+                let error = view.world_from_object.step_to(&at(0.0));
+                sum += error.dot(&view.covariance.cholesky().unwrap().solve(&error));
+                count += 1.0;
+            }
+        }
+    }
+    let nees = sum / count;
+    assert!((2.0..=9.0).contains(&nees), "{nees}");
+}
+
+/// What was known of an object before it was hidden is still known if it is where it was.
+#[test]
+fn a_still_object_that_is_found_again_is_as_well_known_as_before() {
+    let (mut off_m, mut alone_m) = (0.0, 0.0);
+    for seed in 0..20 {
+        let mut random = SmallRng::seed_from_u64(200 + seed);
+        let mut stream = Stream::new(independent());
+        let mut sees = || measured(&at(0.0), &covariance(), &mut random);
+        let before = (0..60).map(|_| stream.frame(&[saw(sees())]).swap_remove(0)).last().unwrap();
+        let lost = (0..30).map(|_| stream.frame(&[])).last().unwrap().swap_remove(0);
+        assert_eq!(lost.state, TrackState::Lost);
+        let found = sees();
+        let again = stream.frame(&[saw(found)]).swap_remove(0);
+        assert_eq!((again.id, again.state), (before.id, TrackState::Tracked));
+        let from_before = |pose: &Pose| before.world_from_object.step_to(pose).fixed_rows::<3>(0).norm();
+        off_m += from_before(&again.world_from_object);
+        alone_m += from_before(&found);
+    }
+    assert!(off_m < 0.4 * alone_m, "{off_m} {alone_m}");
+}
