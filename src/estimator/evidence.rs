@@ -4,6 +4,7 @@ use image::RgbImage;
 use nalgebra::{Matrix3, Vector3};
 use posed_core::geometry::{Camera, Covariance6};
 use posed_core::pnp::Solution;
+use posed_core::views::Mode;
 
 use super::answer::{Detection, KeypointPrediction};
 use crate::model::{Evidence, KeypointManifest};
@@ -16,21 +17,59 @@ const SAMPLES: u32 = 64;
 /// A box that ends so near the image's border is cut off by it, pixels.
 const BORDER_PX: f64 = 2.0;
 
-/// The evidence for a pose that was solved within a detection's box. Where the model states what such evidence is worth, it
-/// makes the covariance an honest one, and gives the probability that the pose is right.
+/// By how much the solver's standard deviations are too small where no trust says it: the errors of a crop's keypoints are no
+/// independent ones. Measured on rendered images.
+const UNJUDGED: [f64; 3] = [1.7; 3];
+
+/// What becomes of a pose in the light of its evidence.
+pub(super) struct Judgement {
+    pub evidence: Evidence,
+    /// That the pose is right, 0..1. `None` where the model does not state what evidence is worth.
+    pub probability: Option<f64>,
+    /// Factors of the solver's standard deviations, known with the probability.
+    factors: Option<[f64; 3]>,
+}
+
+/// The evidence for a pose that was solved within a detection's box, and what the model makes of it.
 pub(super) fn judge(
     manifest: &KeypointManifest,
     detection: &Detection,
     prediction: &KeypointPrediction,
-    solution: &mut Solution,
+    solution: &Solution,
     image: &RgbImage,
     camera: &Camera,
-) -> (Evidence, Option<f64>) {
+) -> Judgement {
     let evidence = gather(manifest.diameter_m, detection, prediction, solution, image, camera);
-    let Some(trust) = &manifest.trust else { return (evidence, None) };
-    let ray = solution.pose.translation().normalize();
-    solution.covariance = scaled_covariance(&solution.covariance, &ray, trust.factors(&evidence));
-    (evidence, Some(trust.probability(&evidence)))
+    let trust = manifest.trust.as_ref();
+    let (probability, factors) = (trust.map(|trust| trust.probability(&evidence)), trust.map(|t| t.factors(&evidence)));
+    Judgement { evidence, probability, factors }
+}
+
+impl Judgement {
+    /// An honest covariance of the pose, as far as it is known: the solver's own where the model does not state what evidence is
+    /// worth.
+    pub(super) fn covariance(&self, solution: &Solution) -> Covariance6 {
+        let own = &solution.covariance;
+        self.factors.map_or(*own, |factors| scaled_covariance(own, solution.pose.translation(), factors))
+    }
+
+    /// The solver's poses, for fusing them with those of other views.
+    pub(super) fn modes(&self, solution: &Solution) -> Vec<Mode> {
+        modes_with_factors(solution, self.factors.unwrap_or(UNJUDGED))
+    }
+}
+
+/// As [`Judgement::modes`], where nothing is known but the solution.
+pub(super) fn unjudged_modes(solution: &Solution) -> Vec<Mode> {
+    modes_with_factors(solution, UNJUDGED)
+}
+
+fn modes_with_factors(solution: &Solution, factors: [f64; 3]) -> Vec<Mode> {
+    let honest = |mode: Mode| {
+        let place = mode.camera_from_points.translation();
+        mode.with_covariance(&scaled_covariance(&mode.covariance, place, factors))
+    };
+    Mode::all_of(solution).into_iter().map(honest).collect()
 }
 
 fn gather(
@@ -97,12 +136,13 @@ fn extent_px(centre: &Vector3<f64>, diameter_m: f64, camera: &Camera) -> f64 {
     camera.focal().mean() * diameter_m / centre.z
 }
 
-/// A pose's covariance with its standard deviations along a ray, across it, and of the rotation multiplied by factors.
+/// A pose's covariance with its standard deviations along the ray to it, across it, and of the rotation multiplied by factors.
 fn scaled_covariance(
     covariance: &Covariance6,
-    ray: &Vector3<f64>,
+    place: &Vector3<f64>,
     [depth, lateral, rotation]: [f64; 3],
 ) -> Covariance6 {
+    let ray = place.normalize();
     let along = ray * ray.transpose();
     let mut factors = Covariance6::identity() * rotation;
     factors.fixed_view_mut::<3, 3>(0, 0).copy_from(&(along * depth + (Matrix3::identity() - along) * lateral));

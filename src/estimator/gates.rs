@@ -3,10 +3,10 @@
 use image::RgbImage;
 
 use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedKeypoint, SolvedPose};
-use super::evidence::{self, in_box};
+use super::evidence::{self, Judgement, in_box};
 use super::second_peaks::{Solved, solve};
 use super::verdict::{Reason, Verdict};
-use crate::model::{Evidence, ObjectModel};
+use crate::model::{ObjectModel, Trust};
 use crate::vision::box_corners;
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
@@ -57,16 +57,19 @@ pub(super) fn object_pose(
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
     };
-    let (evidence, probability) = evidence::judge(manifest, &detection, prediction, &mut solution, image, camera);
-    let pose = solved_pose(model, offset, &solution, prediction, evidence, probability);
+    let judged = evidence::judge(manifest, &detection, prediction, &solution, image, camera);
+    let modes = judged.modes(&solution);
+    solution.covariance = judged.covariance(&solution);
+    let pose = solved_pose(model, offset, &solution, prediction, modes, &judged);
     let mut verdict = Verdict::of(&solution);
     if has_rival {
         verdict.object(Reason::TwoAnswers, Status::Ambiguous);
     }
-    if manifest.trust.as_ref().zip(probability).is_some_and(|(trust, probability)| probability < trust.ok_probability) {
+    let improbable = |(trust, probability): (&Trust, f64)| probability < trust.ok_probability;
+    if manifest.trust.as_ref().zip(judged.probability).is_some_and(improbable) {
         verdict.object(Reason::Improbable, Status::LowConfidence);
     }
-    if evidence.peak < MIN_MEDIAN_PEAK {
+    if judged.evidence.peak < MIN_MEDIAN_PEAK {
         verdict.object(Reason::WeakKeypoints, Status::LowConfidence);
     }
     let in_box = in_box(solution.pose.translation(), manifest.diameter_m, &detection.bounding_box, camera);
@@ -91,8 +94,8 @@ fn solved_pose(
     offset: &Offset,
     solution: &Solution,
     prediction: &KeypointPrediction,
-    evidence: Evidence,
-    probability: Option<f64>,
+    modes: Vec<Mode>,
+    judged: &Judgement,
 ) -> SolvedPose {
     let in_user_frame = |pose: &Pose, covariance: &Covariance6| {
         let (pose, covariance) = offset.apply(pose, covariance);
@@ -122,11 +125,11 @@ fn solved_pose(
         observed: Observed {
             pixels: prediction.pixels.clone(),
             covariances: prediction.covariances.clone(),
-            modes: Mode::all_of(solution),
+            modes,
         },
         keypoints_scale: offset.keypoints_scale,
-        evidence,
-        probability,
+        evidence: judged.evidence,
+        probability: judged.probability,
         box_in_camera: box_corners(&model.manifest.keypoints_scaled_by(offset.keypoints_scale))
             .map(|corner| solution.pose.transform(&corner)),
     }

@@ -44,6 +44,22 @@ pub fn covariance_about(covariance: &Covariance6, lever: &Vector3<f64>) -> Covar
     jacobian * covariance * jacobian.transpose()
 }
 
+/// What a covariance has beyond a part of it; nothing along directions in which the part is larger already. The whole where
+/// the part has no inverse.
+#[must_use]
+pub fn excess(whole: &Covariance6, part: &Covariance6) -> Covariance6 {
+    let Some(factor) = part.cholesky() else { return *whole };
+    let root = factor.l();
+    // Where the part is the unit matrix, directions compare whatever their units are.
+    let solved = |matrix: &Covariance6| root.solve_lower_triangular(matrix);
+    let whitened = solved(whole).and_then(|half| solved(&half.transpose()));
+    let Some(whitened) = whitened else { return *whole };
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new((whitened + whitened.transpose()) * 0.5);
+    let beyond = Matrix6::from_diagonal(&eigenvalues.map(|value| (value - 1.0).max(0.0)));
+    let axes = root * eigenvectors;
+    axes * beyond * axes.transpose()
+}
+
 /// `[[R, 0], [0, R]]`: turns the axes of a twist or a covariance.
 pub(crate) fn block_diagonal(rotation: &Matrix3<f64>) -> Matrix6<f64> {
     let mut matrix = Matrix6::zeros();

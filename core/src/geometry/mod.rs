@@ -24,7 +24,7 @@ pub use affine::Affine;
 pub use camera::{Camera, CameraError, ProjectionError};
 #[cfg(feature = "serde")]
 pub use camera::{CameraFile, CameraModel};
-pub use covariance::{Covariance6, covariance_about, is_covariance, rotated_covariance, sigmas};
+pub use covariance::{Covariance6, covariance_about, excess, is_covariance, rotated_covariance, sigmas};
 pub use epipolar::{epipolar_error, sampson_distance};
 pub use pose::{Pose, PoseError};
 pub use rotation::skew;

@@ -11,7 +11,7 @@ use crate::geometry::{Covariance6, Pose, parts};
 const LOOSE: f64 = 0.15;
 const LOOSE_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// What a view states is taken for so many times as much.
-const INFLATED: f64 = 4.0;
+const INFLATED: f64 = 1.5;
 /// 99.9 % of chi-squared with 6 degrees of freedom.
 const GATE: f64 = 22.46;
 /// A start turned from another by less leads to the same end.

@@ -35,6 +35,8 @@ pub(super) struct Prepared {
 pub(super) struct Placed {
     pub world_from_centred: Pose,
     pub covariance: Covariance6,
+    /// The part of it that the view's points have in common.
+    pub shared: Covariance6,
     pub weight: f64,
 }
 
@@ -42,7 +44,9 @@ impl Placed {
     /// The same mode as a pose that looks the same.
     pub(super) fn meaning(&self, equal: &Pose) -> Self {
         let lever = equal.translation() - self.world_from_centred.translation();
-        Self { world_from_centred: *equal, covariance: covariance_about(&self.covariance, &lever), weight: self.weight }
+        let about = |covariance| covariance_about(covariance, &lever);
+        let (covariance, shared) = (about(&self.covariance), about(&self.shared));
+        Self { world_from_centred: *equal, covariance, shared, weight: self.weight }
     }
 }
 
@@ -102,12 +106,12 @@ impl Prepared {
         let placed = |mode: &Mode| {
             let camera_from_centred = mode.camera_from_points * body.points_from_centred;
             let lever = camera_from_centred.translation() - mode.camera_from_points.translation();
+            let in_world =
+                |covariance| rotated_covariance(world_from_camera.rotation(), &covariance_about(covariance, &lever));
             Placed {
                 world_from_centred: world_from_camera * camera_from_centred,
-                covariance: rotated_covariance(
-                    world_from_camera.rotation(),
-                    &covariance_about(&mode.covariance, &lever),
-                ),
+                covariance: in_world(&mode.covariance),
+                shared: in_world(&mode.shared),
                 weight: mode.weight.max(f64::MIN_POSITIVE),
             }
         };

@@ -101,7 +101,7 @@ impl Scene<'_> {
             let most = view.problem.observations().len() as f64 * INLIER.limit;
             if used(index) { 0.0 } else { most * view.trust }
         });
-        let cost = fit.cost / (1.0 + self.options.shared_error) + cost.sum::<f64>();
+        let cost = fit.cost / self.options.tempering + cost.sum::<f64>();
         Some(Settled { members, fit, covariance, cost })
     }
 
@@ -116,7 +116,7 @@ impl Scene<'_> {
             let (mode, meant_from_seen) = self.nearest_mode(view, pose);
             let mut shared = view.by_camera(pose);
             if let Some(mode) = mode {
-                shared += mode.covariance * self.options.shared_error;
+                shared += mode.shared;
             }
             shared *= company;
             // A view sees no turn about an axis of revolution; the first one says how it is called.

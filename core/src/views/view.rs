@@ -1,7 +1,7 @@
 use nalgebra::{Matrix2, Matrix6, Vector2};
 use thiserror::Error;
 
-use crate::geometry::{Camera, Covariance6, Pose};
+use crate::geometry::{Camera, Covariance6, Pose, excess};
 use crate::pnp::{PnpError, Solution};
 
 /// What one camera saw of the object.
@@ -33,22 +33,34 @@ pub struct Mode {
     pub camera_from_points: Pose,
     /// Of a step along the camera's axes.
     pub covariance: Covariance6,
+    /// The part of it that the errors of all points have in common: the view may see the pose off by such a step, and no number of
+    /// points averages it out. Zero where their errors are independent.
+    pub shared: Covariance6,
     /// Posterior weight among the view's modes, 0..1.
     pub weight: f64,
 }
 
 impl Mode {
-    /// The pose of a solution and its alternatives.
+    /// The pose of a solution and its alternatives, as if the errors of its points were independent.
     #[must_use]
     pub fn all_of(solution: &Solution) -> Vec<Self> {
         let Solution { pose, covariance, weight, alternatives, .. } = solution;
-        let first = Self { camera_from_points: *pose, covariance: *covariance, weight: *weight };
+        let shared = Matrix6::zeros();
+        let first = Self { camera_from_points: *pose, covariance: *covariance, shared, weight: *weight };
         let others = alternatives.iter().flatten().map(|other| Self {
             camera_from_points: other.pose,
             covariance: other.covariance,
+            shared,
             weight: other.weight,
         });
         std::iter::once(first).chain(others).collect()
+    }
+
+    /// The same mode where its covariance is known better than its points say. What is larger than they say is what their errors
+    /// have in common.
+    #[must_use]
+    pub fn with_covariance(self, known: &Covariance6) -> Self {
+        Self { covariance: *known, shared: excess(known, &self.covariance), ..self }
     }
 }
 

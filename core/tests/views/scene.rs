@@ -118,7 +118,7 @@ impl Scene {
 
 /// No floor, exact cameras: tests state the errors exactly.
 pub(crate) fn exact() -> ViewsOptions {
-    ViewsOptions { floor_px: 0.0, camera_covariance: isotropic_covariance(0.0, 0.0), shared_error: 0.0 }
+    ViewsOptions { floor_px: 0.0, camera_covariance: isotropic_covariance(0.0, 0.0), tempering: 1.0 }
 }
 
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed_core::geometry::{Covariance6, Symmetries};
 use posed_core::pnp::Status;
-use posed_core::views::{Mode, ViewsOptions, isotropic_covariance, solve_views};
+use posed_core::views::{Mode, isotropic_covariance, solve_views};
 
 use crate::scene::{Scene, Seen, exact, median, nees};
 
@@ -105,12 +105,13 @@ fn shared_errors_of_a_view_are_allowed_for() {
                 let camera_from_points = camera.inverse() * scene.world_from_points;
                 let off = camera_from_points
                     .perturbed(&step.fixed_rows::<3>(0).into_owned(), &step.fixed_rows::<3>(3).into_owned());
-                scene.see_at(&(camera * off), &camera, &camera, 1.0)
+                let mut seen = scene.see_at(&(camera * off), &camera, &camera, 1.0);
+                seen.modes = seen.modes.iter().map(|mode| mode.with_covariance(&(mode.covariance * 2.0))).collect();
+                seen
             })
             .collect();
         let views: Vec<_> = seen.iter().map(|seen| scene.view(seen)).collect();
-        let options = ViewsOptions { shared_error: 1.0, ..exact() };
-        let solution = solve_views(&scene.points, &views, &Symmetries::default(), &options).unwrap();
+        let solution = solve_views(&scene.points, &views, &Symmetries::default(), &exact()).unwrap();
         nees(&scene.world_from_points, &solution.world_from_points, &solution.covariance)
     });
     check("shared errors", &problems.collect::<Vec<_>>());
@@ -205,4 +206,25 @@ fn understated_noise_is_found_out() {
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     assert!((4.5..8.0).contains(&mean), "{mean}");
+}
+
+/// Where a covariance is known to be larger along some directions and smaller along others, only what is larger is shared.
+#[test]
+fn what_is_shared_is_no_less_than_nothing() {
+    for problem in 0..200 {
+        let mut scene = Scene::new(27, problem);
+        let camera = scene.around();
+        let seen = scene.see(&camera, 1.0);
+        let own = seen.modes[0];
+        let factors = Covariance6::from_diagonal(&nalgebra::Vector6::from_fn(|_, _| scene.normal().exp()));
+        let known = own.with_covariance(&(factors * own.covariance * factors));
+        // Neither the shared part nor what the points say alone is lost along any direction.
+        let root = own.covariance.cholesky().unwrap().l().try_inverse().unwrap();
+        let eigenvalues = |covariance: Covariance6| (root * covariance * root.transpose()).symmetric_eigenvalues();
+        assert!(eigenvalues(known.shared).min() > -1e-6, "{problem}");
+        assert!(eigenvalues(own.covariance + known.shared - known.covariance).min() > -1e-6, "{problem}");
+        assert!(eigenvalues(known.shared).max() > 0.1 || eigenvalues(known.covariance).max() < 1.1, "{problem}");
+        // As much as it says: nothing beyond.
+        assert!(own.with_covariance(&own.covariance).shared.amax() < 1e-9 * own.covariance.amax(), "{problem}");
+    }
 }

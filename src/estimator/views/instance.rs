@@ -11,9 +11,10 @@ use crate::estimator::gates::is_loose;
 use crate::estimator::verdict::{Reason, Verdict};
 use crate::model::ObjectModel;
 
-/// By how much a view's own covariance is too small, in covariances: the errors of a crop's keypoints are no independent ones.
-/// Measured on rendered images, along each axis by a factor of 1.7; `1.7² - 1`.
-pub(super) const SHARED_ERROR: f64 = 1.9;
+/// So many keypoints of a crop say as much as one whose error is its own: misfits count less by as much. Measured on rendered
+/// images before there was any trust, as the factor of the solver's covariances. How large the fused covariance is, is another
+/// matter: what a view's keypoints have in common is said by its modes, where trust has measured it.
+pub(super) const TEMPERING: f64 = 2.9;
 /// Views from within this angle are one view.
 const NO_BASELINE_RAD: f64 = std::f64::consts::PI / 180.0;
 /// What is known of every view is at least its word against one other's.
@@ -70,7 +71,7 @@ impl Instance<'_> {
                 trust: seen.found.confidence().max(MIN_TRUST),
             })
             .collect();
-        let options = ViewsOptions { shared_error: SHARED_ERROR, ..ViewsOptions::default() };
+        let options = ViewsOptions { tempering: TEMPERING, ..ViewsOptions::default() };
         solve_views(&points, &views, &symmetries, &options).ok()
     }
 
