@@ -24,6 +24,8 @@ pub struct Expected {
     /// Index in the library.
     pub object: usize,
     pub camera_from_keypoints: Pose,
+    /// What the coordinates of the keypoints are multiplied by.
+    pub keypoints_scale: f64,
     /// What the detector gave it, 0..1.
     pub score: f64,
 }
@@ -54,7 +56,7 @@ impl Expected {
     /// `None` where it is not in the image.
     pub(super) fn found(&self, manifest: &KeypointManifest, camera: &Camera, size: (u32, u32)) -> Option<Found> {
         let size = Vector2::new(f64::from(size.0), f64::from(size.1));
-        let keypoints = manifest.keypoints();
+        let keypoints = manifest.keypoints_scaled_by(self.keypoints_scale);
         let pixel = |point| camera.project(&self.camera_from_keypoints.transform(point)).ok();
         let pixels = keypoints.iter().map(pixel).collect::<Option<Vec<_>>>()?;
         let is_inside = |pixel: &&Vector2<f64>| pixel.min() >= 0.0 && (size - *pixel).min() > 0.0;

@@ -51,6 +51,7 @@ pub struct Follower {
 struct Known {
     /// As the network saw it last: of a symmetric object, which of its equal poses.
     object_from_keypoints: Pose,
+    keypoints_scale: f64,
     score: f64,
     /// The part of a pose's covariance that is the same in every image, along the axes of the object.
     of_offset: Covariance6,
@@ -91,6 +92,7 @@ impl Follower {
                 track: prediction.id,
                 object: prediction.object,
                 camera_from_keypoints: camera_from_object * known.object_from_keypoints,
+                keypoints_scale: known.keypoints_scale,
                 score: known.score,
             })
         });
@@ -171,6 +173,7 @@ impl Follower {
         let to_object = (object_from_world * *world_from_camera).rotation().to_owned();
         Known {
             object_from_keypoints: object_from_world * *world_from_camera * solved.camera_from_keypoints,
+            keypoints_scale: solved.keypoints_scale,
             score: pose.detection.score,
             of_offset: rotated_covariance(&to_object, &(solved.covariance - solved.image_covariance)),
         }

@@ -41,6 +41,8 @@ pub struct ReferenceWork {
     pub object: String,
     /// The object's box; the detector's where there is none.
     pub region: Option<BoundingBox>,
+    /// What the coordinates of its keypoints are multiplied by.
+    pub keypoints_scale: f64,
     pub deadline: Instant,
 }
 
@@ -103,6 +105,7 @@ pub(super) enum Task {
     Reference {
         object: String,
         region: Option<BoundingBox>,
+        keypoints_scale: f64,
         reply: oneshot::Sender<Result<Solved, QueueError>>,
     },
 }

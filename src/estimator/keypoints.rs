@@ -199,22 +199,20 @@ fn predict(
     Ok(boxes.iter().map(next).collect())
 }
 
-/// The keypoints' pose, `camera_from_keypoints`, within one box of an image.
-pub(super) fn solve_within(
+/// The pose of scaled keypoints that were found within a box that is certain, `camera_from_keypoints`, with the covariance that
+/// the evidence leaves.
+pub(super) fn solve_judged(
     manifest: &KeypointManifest,
-    network: &mut KeypointNet,
-    resizer: &mut Resizer,
+    found: &KeypointPrediction,
     image: &RgbImage,
     region: &BoundingBox,
     camera: &Camera,
-) -> Result<Result<Solution, PnpError>, EstimateError> {
-    let camera = camera.for_image(image.width(), image.height())?;
-    let found = locate_within(manifest, network, resizer, image, region)?;
+    keypoints_scale: f64,
+) -> Result<Solution, PnpError> {
+    let Solved { mut solution, .. } = second_peaks::solve(manifest, found, camera, keypoints_scale)?;
     let certain = Detection { object: 0, bounding_box: *region, score: 1.0 };
-    Ok(second_peaks::solve(manifest, &found, &camera, 1.0).map(|Solved { mut solution, .. }| {
-        evidence::judge(manifest, &certain, &found, &mut solution, image, &camera);
-        solution
-    }))
+    solution.covariance = evidence::judge(manifest, &certain, found, &solution, image, camera).covariance(&solution);
+    Ok(solution)
 }
 
 /// The keypoints within one box of an image.

@@ -111,8 +111,8 @@ impl Estimator {
         answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame))).collect()
     }
 
-    /// Solves one object's virtual keypoints, `camera_from_keypoints`, in a reference image: within a box, or within the
-    /// only one that the detector sees.
+    /// Solves one object's virtual keypoints, scaled, in a reference image (`camera_from_keypoints`): within a box, or within
+    /// the only one that the detector sees.
     ///
     /// # Errors
     /// [`MeasureError`] says what the image lacks.
@@ -122,6 +122,7 @@ impl Estimator {
         image: &RgbImage,
         camera: &Camera,
         region: Option<BoundingBox>,
+        keypoints_scale: f64,
     ) -> Result<(BoundingBox, Solution), MeasureError> {
         let library = Arc::clone(&self.library);
         let named = |model: &&ObjectModel| model.manifest.name == object;
@@ -141,8 +142,9 @@ impl Estimator {
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
         self.activity.runs(&of_object(object));
-        let solved = keypoints::solve_within(&model.manifest, network, &mut self.resizer, image, &region, camera)?;
-        Ok((region, solved?))
+        let manifest = &model.manifest;
+        let found = keypoints::locate_within(manifest, network, &mut self.resizer, image, &region)?;
+        Ok((region, keypoints::solve_judged(manifest, &found, image, &region, camera, keypoints_scale)?))
     }
 
     /// Runs every network once: the first run of a session allocates, and a network that cannot run is found before

@@ -90,9 +90,9 @@ impl Queue {
     /// # Errors
     /// As [`Queue::estimate`].
     pub async fn measure(&self, work: ReferenceWork) -> Result<Solved, QueueError> {
-        let ReferenceWork { image, body, camera, object, region, deadline } = work;
+        let ReferenceWork { image, body, camera, object, region, keypoints_scale, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        let task = Task::Reference { object, region, reply };
+        let task = Task::Reference { object, region, keypoints_scale, reply };
         self.run(Request { image, body, camera, task, keep_image: false, deadline }, answer).await
     }
 

@@ -3,7 +3,7 @@ use image::RgbImage;
 
 use super::answer::{Detection, EstimateError, KeypointPrediction, ObjectPose};
 use super::gates::object_pose;
-use super::keypoints::{locate_within, solve_within};
+use super::keypoints::{locate_within, solve_judged};
 use crate::model::{Backend, KeypointNet, ObjectModel, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
@@ -34,7 +34,9 @@ impl<'a> KeypointSolver<'a> {
         region: &BoundingBox,
         camera: &Camera,
     ) -> Result<Result<Solution, PnpError>, EstimateError> {
-        solve_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region, camera)
+        let camera = camera.for_image(image.width(), image.height())?;
+        let found = self.locate(image, region)?;
+        Ok(solve_judged(&self.model.manifest, &found, image, region, &camera, 1.0))
     }
 
     /// The keypoints within one box, image pixels.

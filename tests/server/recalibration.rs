@@ -52,6 +52,27 @@ async fn a_new_reference_takes_effect_at_once_and_stays() {
     assert!((moved(&cube(&restarted).await) - 0.5).abs() < 1e-3);
 }
 
+/// What was fitted of how large the network sees the object is not lost, and the new offset is that of keypoints of this scale.
+#[tokio::test]
+async fn a_fitted_scale_stays() {
+    let folder = copy_of("reference");
+    let file = folder.path().join("cube.json");
+    change(&file, |json| json["keypoints_scale"] = 1.04.into());
+    let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let pose = stated(&cube(&server).await);
+    let request = value!({"references": [{"camera": "demo", "camera_from_object": pose}]});
+    let response = put(&server, "cube", &[read(&samples()[0].file)], &request).await;
+    assert_eq!(response.status(), StatusCode::OK);
+    assert_eq!(json(response).await["keypoints_scale"], 1.04);
+    let written: Value = serde_json::from_slice(&read(&file)).unwrap();
+    assert_eq!(written["keypoints_scale"], 1.04);
+    let again = cube(&server).await;
+    assert_eq!(again["keypoints_scale"], 1.04);
+    let depth = |pose: &Value| pose["translation_m"][2].as_f64().unwrap();
+    let (stated, found) = (depth(&pose), depth(&again["camera_from_object"]));
+    assert!((found / stated - 1.0).abs() < 5e-3, "{stated} {found}");
+}
+
 #[tokio::test]
 async fn what_cannot_be_measured_changes_nothing() {
     let folder = copy_of("reference");

@@ -16,7 +16,7 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status, Streaming};
 
-use crate::support::{Server, png, read, root};
+use crate::support::{Server, change, copy_of, png, read, root};
 
 const CUBE: u32 = 1;
 const MOTOR: u32 = 3;
@@ -158,6 +158,26 @@ async fn objects_keep_their_ids_and_the_detector_rests() {
         }
     }
     assert!(detected[0] && !detected[1] && detected.iter().filter(|detected| **detected).count() <= 3, "{detected:?}");
+}
+
+/// Of an object that the network sees too small, what is expected is as large as the network sees it.
+#[tokio::test]
+async fn a_scaled_object_is_expected_where_it_is_seen() {
+    let film = film();
+    let mut widths = Vec::new();
+    for scale in [1.0, 1.2] {
+        let reference = copy_of("reference");
+        change(&reference.path().join("cube.json"), |json| json["keypoints_scale"] = scale.into());
+        let server = Server::start(&["--reference", reference.path().to_str().unwrap()]);
+        let mut stream = Stream::open(&server, tracking()).await;
+        stream.tracks(request(image_of(&film[0]), &film[0]), 0.0).await;
+        let response = stream.send(request(image_of(&film[1]), &film[1]), Some(0.1)).await;
+        assert!(!response.tracking.as_ref().unwrap().detected);
+        let cube = answer(&response).poses.iter().find(|pose| pose.object == "cube").unwrap();
+        assert!((cube.solved.as_ref().unwrap().keypoints_scale - scale).abs() < 1e-9);
+        widths.push(cube.r#box.unwrap().width_px);
+    }
+    assert!((widths[1] / widths[0] - 1.0).abs() < 0.06, "{widths:?}");
 }
 
 /// Nothing is seen for twenty frames: the track coasts, is lost, and is found again with the same id.

@@ -5,8 +5,9 @@ use posed_core::geometry::{Camera, Pose};
 use posed_core::pnp::{self, solve};
 use posed_core::views::{Mode, Scale, View, ViewsOptions, solve_views};
 
-use super::instance::SHARED_ERROR;
+use super::instance::TEMPERING;
 use crate::estimator::answer::KeypointPrediction;
+use crate::estimator::evidence::unjudged_modes;
 use crate::model::ObjectModel;
 
 /// A reference image with its keypoints.
@@ -31,7 +32,7 @@ pub fn fit_keypoints_scale(model: &ObjectModel, views: &[LocatedView], offset: &
         let modes = |view: &LocatedView| {
             let KeypointPrediction { pixels, covariances, .. } = &view.prediction;
             let solution = solve(&points, pixels, covariances, &view.camera, &pnp::Options::default());
-            solution.map_or_else(|_| Vec::new(), |solution| Mode::all_of(&solution))
+            solution.map_or_else(|_| Vec::new(), |solution| unjudged_modes(&solution))
         };
         let modes: Vec<Vec<Mode>> = views.iter().map(modes).collect();
         let all: Vec<View<'_>> = views
@@ -47,7 +48,7 @@ pub fn fit_keypoints_scale(model: &ObjectModel, views: &[LocatedView], offset: &
                 trust: 1.0,
             })
             .collect();
-        let options = ViewsOptions { shared_error: SHARED_ERROR, ..ViewsOptions::default() };
+        let options = ViewsOptions { tempering: TEMPERING, ..ViewsOptions::default() };
         let scale = solve_views(&points, &all, &symmetries, &options).ok()?.scale?;
         fitted = Scale { value: fitted.value * scale.value, sigma: fitted.value * scale.sigma };
     }

@@ -19,7 +19,8 @@ use crate::server::service::{Failure, Recalibration, ReferenceImage, Service};
 
 /// Measures the reference of an object and replaces it.
 ///
-/// The new reference takes effect immediately. The server must run with `--recalibration`.
+/// The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force. The server must run with
+/// `--recalibration`.
 #[utoipa::path(
     put,
     path = "/v1/objects/{name}/reference",

@@ -75,6 +75,9 @@ impl Service {
         no_view_twice(&stated).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
         let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
+        // A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it stays.
+        let keypoints_scale =
+            self.references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
         for (view, (_, camera_from_object)) in views.into_iter().zip(stated) {
@@ -86,6 +89,7 @@ impl Service {
                 camera: camera.clone(),
                 object: object.clone(),
                 region: view.region,
+                keypoints_scale,
                 deadline,
             };
             let (region, solution) = self.queue.measure(work).await?;
@@ -95,7 +99,7 @@ impl Service {
                 camera_from_object,
                 region,
                 solution,
-                keypoints_scale: 1.0,
+                keypoints_scale,
             });
             files.push((file, view.image.to_vec()));
         }
