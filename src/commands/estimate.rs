@@ -10,7 +10,8 @@ use image::ImageFormat;
 
 use super::models::ModelArgs;
 use crate::estimator::{
-    Answer, CallerFrames, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture, fuse,
+    Answer, CallerFrames, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture, cameras_are_meant,
+    fuse,
 };
 use crate::model::{ModelsInUse, Rig, RigCamera, read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext, ViewsReport};
@@ -114,6 +115,7 @@ impl Estimate {
         let images: Vec<_> = answers.iter_mut().filter_map(|answer| answer.image.take()).collect();
         let estimates: Vec<&crate::estimator::Estimate> = answers.iter().map(|answer| &answer.estimate).collect();
         let fused = fuse(&library, &references, &cameras, &estimates);
+        cameras_are_meant(&library, &references, &cameras, &estimates, &fused)?;
         if let Some(out) = &self.overlay {
             let each = images.iter().zip(&estimates).enumerate();
             let drawn: Vec<_> =

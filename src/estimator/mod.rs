@@ -14,6 +14,7 @@ mod footprint;
 mod gates;
 mod job;
 mod keypoints;
+mod mistakes;
 mod pace;
 mod parity;
 mod picture;
@@ -48,5 +49,8 @@ pub use solver::KeypointSolver;
 pub use stated_pose::{StatedPoseError, no_view_twice};
 pub use stats::Stats;
 pub use verdict::{Reason, Reasons, Verdict};
-pub use views::{FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, fit_keypoints_scale, fuse};
+pub use views::{
+    CamerasError, FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, cameras_are_meant, fit_keypoints_scale,
+    fuse,
+};
 pub use worker::StartError;

@@ -1,10 +1,10 @@
 //! Whether the poses that come with reference images can be meant: where the image shows the object, its frame should lie.
 
-use nalgebra::{Matrix3, Rotation3};
 use posed_core::calibration::Offset;
 use posed_core::geometry::Pose;
-
 use thiserror::Error;
+
+use super::mistakes::{MISTAKES, Wrong};
 
 /// Poses of reference images that cannot be meant.
 #[derive(Debug, Error)]
@@ -64,39 +64,23 @@ pub(super) fn origin_is_near(
         object_from_keypoints.translation().norm() <= FAR * diameter_m
     };
     let guess = MISTAKES.iter().find(|mistake| near(&(mistake.mended)(camera_from_object)));
-    let guess = guess.map_or("the pose may be that of another object or image", |mistake| mistake.words);
+    let guess = guess.map_or("the pose may be that of another object or image", |mistake| words(mistake.what));
     Err(StatedPoseError::FarOrigin { distance_m, diameter_m, guess })
 }
 
-/// What people get wrong, and how the pose looks that they meant.
-struct Mistake {
-    words: &'static str,
-    mended: fn(&Pose) -> Pose,
-}
-
-const MISTAKES: [Mistake; 5] = [
-    Mistake { words: "the pose fits if its translation is in millimetres; give metres", mended: in_metres },
-    Mistake { words: "the pose fits if it is object_from_camera; give its inverse", mended: Pose::inverse },
-    Mistake {
-        words: "the pose fits if it is object_from_camera in millimetres; give its inverse, in metres",
-        mended: |pose| in_metres(pose).inverse(),
-    },
-    Mistake {
-        words: "the pose fits if its camera looks along -z with y up, as in OpenGL; give one with z forward and y down",
-        mended: in_opencv,
-    },
-    Mistake {
-        words: "the pose fits if its translation is in millimetres and its camera looks along -z with y up, as in OpenGL; \
-                give metres, z forward and y down",
-        mended: |pose| in_opencv(&in_metres(pose)),
-    },
-];
-
-fn in_metres(pose: &Pose) -> Pose {
-    Pose::new(*pose.rotation(), pose.translation() / 1e3)
-}
-
-fn in_opencv(pose: &Pose) -> Pose {
-    let half_turn = Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&[1.0, -1.0, -1.0].into()));
-    Pose::new(half_turn, nalgebra::Vector3::zeros()) * *pose
+fn words(mistake: Wrong) -> &'static str {
+    match mistake {
+        Wrong::Millimetres => "the pose fits if its translation is in millimetres; give metres",
+        Wrong::Inverse => "the pose fits if it is object_from_camera; give its inverse",
+        Wrong::InverseInMillimetres => {
+            "the pose fits if it is object_from_camera in millimetres; give its inverse, in metres"
+        }
+        Wrong::OpenGl => {
+            "the pose fits if its camera looks along -z with y up, as in OpenGL; give one with z forward and y down"
+        }
+        Wrong::OpenGlInMillimetres => {
+            "the pose fits if its translation is in millimetres and its camera looks along -z with y up, as in OpenGL; \
+             give metres, z forward and y down"
+        }
+    }
 }

@@ -47,6 +47,18 @@ fn estimate_says_what_is_wrong_with_a_rig() {
         let said = explanation(&run(&[&["estimate"], &IMAGES[..], &["--rig", rig.to_str().unwrap()]].concat()));
         assert!(said.contains(words), "{said}");
     }
+    // Each camera sees the objects, but nowhere near where the others do.
+    fs::copy(root().join(RIG), &rig).unwrap();
+    fs::copy(root().join("samples/demo.camera.json"), folder.path().join("demo.camera.json")).unwrap();
+    crate::support::change(&rig, |rig| {
+        for camera in rig["cameras"].as_array_mut().unwrap() {
+            for metres in camera["rig_from_camera"]["translation_m"].as_array_mut().unwrap() {
+                *metres = (1e3 * metres.as_f64().unwrap()).into();
+            }
+        }
+    });
+    let said = explanation(&run(&[&["estimate"], &IMAGES[..], &["--rig", rig.to_str().unwrap()]].concat()));
+    assert!(said.contains("in millimetres; give metres"), "{said}");
 }
 
 /// The bundled scene as a BOP scene with ground truth, in a split.

@@ -2,6 +2,7 @@
 
 use posed::proto;
 use posed::proto::pose_service_client::PoseServiceClient;
+use posed_core::geometry::Pose;
 use reqwest::header::ACCEPT;
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, Response, StatusCode};
@@ -195,7 +196,7 @@ async fn bad_requests_say_what_is_wrong() {
         (&many[..], views(&poses), 413, "too_large", "'max_views'"),
         (&images[..2], views(&poses), 400, "invalid_request", "2 images for 3 cameras"),
         (all, stretched, 400, "invalid_request", "'views[1].world_from_camera' is not a pose: quaternion"),
-        (all, millimetres, 400, "invalid_request", "in metres"),
+        (all, millimetres, 400, "invalid_request", "seems to be in millimetres"),
         (all, lopsided, 400, "invalid_request", "view 1: field 'covariance'"),
         (all, unknown, 404, "unknown_camera", "view 1: unknown camera \"nowhere\""),
         (&with_small[..], views(&poses), 400, "invalid_request", "view 2: "),
@@ -214,6 +215,34 @@ async fn bad_requests_say_what_is_wrong() {
     let (_, message) = error(send(&server, &damaged, &views(&poses)).await).await;
     assert!(message.starts_with("view 2: "), "{message}");
     assert_scene_right(&answer(&server, all, &views(&poses)).await, 0.06);
+}
+
+/// Poses that are right but for what people get wrong about poses: the error says what.
+#[tokio::test]
+async fn poses_of_cameras_that_cannot_be_meant_are_guessed() {
+    let server = Server::start(&PATIENT);
+    let (images, _) = scene();
+    let half_turn = Pose::from_quaternion_xyzw([1.0, 0.0, 0.0, 0.0], [0.0; 3]).unwrap();
+    let changed = |change: &dyn Fn(&Pose) -> Pose| {
+        let pose = |known: &Value| {
+            let numbers = |field: &str| known[field].clone();
+            let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
+            let translation = serde_json::from_value(numbers("translation_m")).unwrap();
+            let pose = change(&Pose::from_quaternion_xyzw(rotation, translation).unwrap());
+            value!({"rotation_xyzw": pose.rotation_xyzw(), "translation_m": pose.translation_m()})
+        };
+        views(&scene_cameras().iter().map(pose).collect::<Vec<_>>())
+    };
+    for (request, words) in [
+        (changed(&Pose::inverse), "camera_from_world; give their inverses"),
+        (changed(&|pose| *pose * half_turn), "as in OpenGL"),
+    ] {
+        let response = send(&server, &images, &request).await;
+        assert_eq!(response.status(), StatusCode::BAD_REQUEST, "{words}");
+        let (code, message) = error(response).await;
+        assert!(code == "invalid_request" && message.contains(words), "{message}");
+    }
+    assert_scene_right(&answer(&server, &images, &views(&scene_cameras())).await, 0.06);
 }
 
 #[tokio::test]

@@ -1,11 +1,13 @@
 //! From the answers to several images of one scene to one pose of each object in it.
 
+mod cameras;
 mod fuse;
 mod fused;
 mod instance;
 mod keypoints_scale;
 mod picture;
 
+pub use cameras::{CamerasError, cameras_are_meant};
 pub use fuse::fuse;
 pub use fused::{FusedPose, LeftOut, PosedCamera, ViewShare};
 pub use keypoints_scale::{LocatedView, fit_keypoints_scale};

@@ -10,7 +10,9 @@ use super::estimate::PoseWork;
 use super::failure::{Failure, FailureKind};
 use super::options::{CameraChoice, Options, PoseRequest};
 use super::state::Service;
-use crate::estimator::{Answer, BodyLease, Estimate, FusedPose, PixelLease, PosedCamera, ViewsPicture, fuse};
+use crate::estimator::{
+    Answer, BodyLease, CamerasError, Estimate, FusedPose, PixelLease, PosedCamera, ViewsPicture, cameras_are_meant, fuse,
+};
 use crate::vision::Image;
 
 /// Cameras of one scene are no farther apart, metres: larger numbers are millimetres.
@@ -151,9 +153,11 @@ impl Service {
         let fused = tokio::task::spawn_blocking(move || {
             let estimates: Vec<&Estimate> = views.iter().map(|answer| &answer.estimate).collect();
             let fused = fuse(&library, &references, &cameras, &estimates);
-            (views, fused)
+            cameras_are_meant(&library, &references, &cameras, &estimates, &fused)?;
+            Ok::<_, CamerasError>((views, fused))
         });
-        let (views, fused) = fused.await.map_err(|error| lost(&error))?;
+        let fused = fused.await.map_err(|error| lost(&error))?;
+        let (views, fused) = fused.map_err(|error| Failure::invalid(error.to_string()))?;
         Ok(ViewsAnswer { views, fused, pictures: pictures.into_iter().flatten().collect() })
     }
 }
@@ -181,7 +185,7 @@ fn check_places(cameras: &[ViewCamera]) -> Result<(), Failure> {
             if apart > MAX_APART_M {
                 return Err(Failure::invalid(format!(
                     "the cameras of views {first} and {second} are {apart:.1} m apart by their poses, more than \
-                     {MAX_APART_M} m; give 'translation_m' in metres"
+                     {MAX_APART_M} m: 'translation_m' seems to be in millimetres; give metres"
                 )));
             }
         }
