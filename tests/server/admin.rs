@@ -3,7 +3,7 @@
 use reqwest::{Client, StatusCode};
 use serde_json::Value;
 
-use crate::support::{CAMERA, Server, copy_of, json, posed, post, read, samples};
+use crate::support::{CAMERA, Server, copy_of, json, posed, post, read, samples, scene_cameras};
 
 #[tokio::test]
 async fn probes_and_the_health_check_answer() {
@@ -56,6 +56,15 @@ async fn the_server_says_what_it_knows() {
     let server = Server::start(&["--max-pixels", "1000000"]);
     let cameras = json(reqwest::get(server.url("/v1/cameras")).await.unwrap()).await;
     assert_eq!(cameras["demo"]["fx"], 600.0);
+    let rigs = json(reqwest::get(server.url("/v1/rigs")).await.unwrap()).await;
+    let listed = rigs["scene"]["cameras"].as_array().unwrap();
+    assert_eq!(listed.len(), scene_cameras().len());
+    for (listed, pose) in listed.iter().zip(scene_cameras()) {
+        // The file names it.
+        assert_eq!(listed["camera"], cameras["demo"]);
+        let number = |pose: &serde_json::Value, axis: usize| pose["translation_m"][axis].as_f64().unwrap();
+        assert!((0..3).all(|axis| (number(&listed["rig_from_camera"], axis) - number(&pose, axis)).abs() < 1e-9));
+    }
     let limits = json(reqwest::get(server.url("/v1/limits")).await.unwrap()).await;
     assert_eq!(limits["max_pixels"], 1_000_000);
     let description = json(reqwest::get(server.url("/openapi.json")).await.unwrap()).await;

@@ -1,4 +1,4 @@
-//! Objects, cameras, limits and state of the server.
+//! Objects, cameras, rigs, limits and state of the server.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use axum::extract::State;
 use posed_core::geometry::Camera;
 
 use super::path::ObjectName;
-use crate::server::api::json::{CameraForm, ErrorBody, LimitsReport, ObjectReport, StatusReport};
+use crate::server::api::json::{CameraForm, ErrorBody, LimitsReport, ObjectReport, RigReport, StatusReport};
 use crate::server::service::{Failure, Service};
 
 /// Returns all known objects, calibrated or not.
@@ -36,6 +36,12 @@ pub(super) async fn object(
 #[utoipa::path(get, path = "/v1/cameras", tag = "info", responses((status = 200, body = BTreeMap<String, CameraForm>)))]
 pub(super) async fn cameras(State(service): State<Arc<Service>>) -> Json<BTreeMap<String, Camera>> {
     Json(service.cameras().map(|(id, camera)| (id.to_owned(), camera.clone())).collect())
+}
+
+/// Returns all registered rigs, by id.
+#[utoipa::path(get, path = "/v1/rigs", tag = "info", responses((status = 200, body = BTreeMap<String, RigReport>)))]
+pub(super) async fn rigs(State(service): State<Arc<Service>>) -> Json<BTreeMap<String, RigReport>> {
+    Json(service.rigs().map(|(id, rig)| (id.to_owned(), rig.into())).collect())
 }
 
 /// Returns the limits of the server, and the memory bound that follows from them.

@@ -53,6 +53,7 @@ fn described() -> OpenApiRouter<Arc<Service>> {
         .routes(routes!(reference::replace))
         .routes(routes!(reference::image))
         .routes(routes!(info::cameras))
+        .routes(routes!(info::rigs))
         .routes(routes!(info::limits))
         .routes(routes!(info::status))
 }

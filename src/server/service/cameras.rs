@@ -60,8 +60,8 @@ impl Cameras {
         self.rigs.get(id)
     }
 
-    pub(crate) fn rig_ids(&self) -> impl Iterator<Item = &str> {
-        self.rigs.keys().map(String::as_str)
+    pub(crate) fn rigs(&self) -> impl Iterator<Item = (&str, &Rig)> {
+        self.rigs.iter().map(|(id, rig)| (id.as_str(), rig))
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = (&str, &Camera)> {

@@ -92,7 +92,7 @@ impl Failure {
 
 impl Failure {
     pub(crate) fn unknown_rig(id: &str, cameras: &Cameras) -> Self {
-        let known = cameras.rig_ids().collect::<Vec<_>>().join(", ");
+        let known = cameras.rigs().map(|(id, _)| id).collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none".to_owned() } else { known };
         let message = format!(
             "unknown rig {id:?}; known rigs: {known}. Put {id}.rig.json into the folder --cameras, or send 'views'"

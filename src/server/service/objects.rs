@@ -1,4 +1,4 @@
-//! What the server knows: objects and cameras.
+//! What the server knows: objects, cameras and rigs.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use posed_core::geometry::Camera;
 
 use super::failure::{Failure, FailureKind};
 use super::state::Service;
-use crate::model::{InForce, ObjectModel};
+use crate::model::{InForce, ObjectModel, Rig};
 
 /// A known object, and its reference if it is calibrated.
 pub(crate) struct KnownObject<'a> {
@@ -29,6 +29,11 @@ impl Service {
     /// Every registered camera with its id.
     pub(crate) fn cameras(&self) -> impl Iterator<Item = (&str, &Camera)> {
         self.cameras.iter()
+    }
+
+    /// Every registered rig with its id.
+    pub(crate) fn rigs(&self) -> impl Iterator<Item = (&str, &Rig)> {
+        self.cameras.rigs()
     }
 
     pub(super) fn model(&self, name: &str) -> Result<&ObjectModel, Failure> {

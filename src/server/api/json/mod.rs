@@ -6,6 +6,7 @@ mod info;
 mod recalibration;
 mod report;
 mod requests;
+mod rig;
 mod status;
 mod transform;
 mod trust;
@@ -20,6 +21,7 @@ pub use report::{
     ReportContext, SolvedReport, TimingsReport,
 };
 pub(crate) use requests::{BatchRequest, EstimateRequest};
+pub(crate) use rig::RigReport;
 pub(crate) use status::StatusReport;
 pub use transform::{PlacedReport, TransformReport};
 pub use trust::{ReasonForm, StatusForm};
