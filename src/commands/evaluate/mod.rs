@@ -8,6 +8,7 @@ mod pool;
 mod problems;
 mod scoring;
 mod sheets;
+mod shots;
 mod stream;
 mod study;
 mod table;

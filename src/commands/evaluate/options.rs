@@ -76,6 +76,12 @@ pub(super) struct SplitArgs {
     /// In so many of the views the object is made to look turned by half a turn: are they found out?
     #[arg(long, value_name = "K", requires = "views", default_value_t = 0, hide_default_value = true)]
     pub(super) wrong_views: usize,
+    /// With `--views`: the cameras' poses are exact, as in renderings. Without this they count as known to 1 mm and 0.1 degrees.
+    #[arg(long, requires = "views")]
+    pub(super) exact_cameras: bool,
+    /// With `--views`: subsets that are drawn of the views of each object.
+    #[arg(long, value_name = "N", requires = "views", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(super) draws: u32,
     /// Replay the images of each scene in their order as a stream that tracks, and compare it with single images: rate, spread,
     /// identity switches, errors. Uses the whole pipeline, with the detector.
     #[arg(long, conflicts_with_all = ["targets", "detector", "estimates", "references_study", "without_truth", "html", "bop"])]

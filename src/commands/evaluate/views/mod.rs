@@ -1,6 +1,6 @@
 //! Accuracy of poses that several views of a scene agree in.
 
-mod scenes;
+mod instances;
 mod score;
 mod spoil;
 mod table;
@@ -14,15 +14,15 @@ use fastrand::Rng;
 use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
+use super::shots::{Shot, Shots};
 use crate::estimator::{Estimate, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
 use crate::model::{Library, References};
 use crate::vision::{DecodeOptions, read_image};
-use scenes::{Instance, Scenes, Shot};
+use posed_core::geometry::Covariance6;
+use instances::Instance;
 use score::{Outcome, Row};
 
-/// Subsets of its views that are drawn of each object.
-const DRAWS: usize = 10;
 /// The same subsets every time.
 const SEED: u64 = 24;
 
@@ -50,7 +50,7 @@ impl SeveralViews<'_> {
             Ok::<_, Box<dyn Error>>(ModelPoints::new(&ObjectMesh::read(meshes, model.manifest.obj_id)?)?)
         };
         let points = classes.iter().map(points).collect::<Result<Vec<_>, _>>()?;
-        let Scenes { shots, mut problems } = Scenes::of(self.split, &dataset.options()?)?;
+        let Shots { shots, mut problems, .. } = Shots::of(self.split, &dataset.options()?)?;
         problems.settle(work)?;
         let runtime = models.runtime_for(usize::from(work.jobs))?;
         let selection = Selection { objects: Some(names.clone()), ..Selection::ALL };
@@ -104,7 +104,7 @@ impl Study<'_> {
             if instance.views.len() < count {
                 continue;
             }
-            let draws = if instance.views.len() == count { 1 } else { DRAWS };
+            let draws = if instance.views.len() == count { 1 } else { asked.splits.draws };
             for _ in 0..draws {
                 let chosen = random.choose_multiple(instance.views.iter().copied(), count);
                 let mut estimates: Vec<Estimate> =
@@ -117,7 +117,7 @@ impl Study<'_> {
                 }
                 let camera = |index: &usize| PosedCamera {
                     world_from_camera: self.answered[*index].shot.world_from_camera,
-                    covariance: None,
+                    covariance: asked.splits.exact_cameras.then(Covariance6::zeros),
                 };
                 let cameras: Vec<PosedCamera> = chosen.iter().map(camera).collect();
                 let estimates: Vec<&Estimate> = estimates.iter().collect();

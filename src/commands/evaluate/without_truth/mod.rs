@@ -1,6 +1,5 @@
 //! Accuracy on still scenes without ground truth.
 
-mod photos;
 mod report;
 
 use std::error::Error;
@@ -12,12 +11,12 @@ use nalgebra::Vector3;
 use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
+use super::shots::{Shot, Shots};
 use crate::estimator::{Estimator, Frame, Selection};
 use crate::evaluation::ReadOptions;
 use crate::evaluation::agreement::{Bounds, Observation, SceneAgreement, Shape};
 use crate::model::{Library, References};
 use crate::vision::{DecodeOptions, read_image};
-use photos::{Photo, Photos};
 use report::{ObjectReport, Report};
 
 /// What to evaluate.
@@ -34,12 +33,12 @@ impl StillScenes<'_> {
         let shape = |name: &String| shape(name, &library, &references);
         let shapes = names.iter().map(shape).collect::<Result<Vec<_>, _>>()?;
         let options = ReadOptions { without_truth: true, ..dataset.options()? };
-        let Photos { photos, scenes, mut problems } = Photos::of(self.split, &options)?;
+        let Shots { shots, scenes, mut problems } = Shots::of(self.split, &options)?;
         problems.settle(work)?;
         let runtime = models.runtime_for(usize::from(work.jobs))?;
         let selection = Selection { objects: Some(names.clone()), ..Selection::ALL };
         let estimator = || new_estimator(&library, &references, &runtime);
-        let results = in_parallel(&photos, work, names.join(", "), estimator, |estimator, photo| {
+        let results = in_parallel(&shots, work, names.join(", "), estimator, |estimator, photo| {
             let found = found(names, estimator, photo, &selection);
             let found = found.map_err(|error| format!("{}: {error}", photo.image.display()))?;
             Ok((photo.scene, found))
@@ -83,7 +82,7 @@ impl StillScenes<'_> {
 fn found(
     names: &[String],
     estimator: &mut Estimator,
-    photo: &Photo,
+    photo: &Shot,
     selection: &Selection,
 ) -> Result<Vec<(usize, Observation)>, Box<dyn Error>> {
     let image = read_image(&photo.image, &DecodeOptions::default())?;
@@ -116,8 +115,9 @@ fn shape(name: &str, library: &Library, references: &References) -> Result<Shape
     let in_force = references.get(name);
     let in_force =
         in_force.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?;
-    let keypoints = model.manifest.keypoints();
+    let offset = &in_force.reference.offset;
+    let keypoints = model.manifest.keypoints_scaled_by(offset.keypoints_scale);
     let middle = keypoints.iter().sum::<Vector3<f64>>() / keypoints.len() as f64;
-    let middle = in_force.reference.offset.object_from_keypoints.transform(&middle);
+    let middle = offset.object_from_keypoints.transform(&middle);
     Ok(Shape::new(model.manifest.diameter_m, middle, model.symmetries.clone())?)
 }
