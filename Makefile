@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-track films evaluate-films
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track films evaluate-films
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -69,6 +69,9 @@ bench: onnxruntime ## Times the solver, the stages around the networks and the e
 
 bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
 	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
+
+bench-views: onnxruntime ## Compares three views as one request with their networks alone, and with three requests.
+	cargo bench --locked --bench views
 
 bench-track: onnxruntime ## Compares a stream that tracks with single images (POSED_FILM: a scene; default: the tests').
 	cargo bench --locked --bench track

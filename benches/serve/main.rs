@@ -2,6 +2,7 @@
 //! in `POSED_BENCH_OUT`, or prints it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed measurement is no measurement")]
 
+#[path = "../support/bare.rs"]
 mod bare;
 mod load;
 #[path = "../support/numbers.rs"]
@@ -15,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use bare::BareLoop;
+use bare::{BareLoop, boxes_by_object};
 use load::{Overload, closed_loop, overload};
 use numbers::{median, spread};
 use process::Server;
@@ -73,19 +74,6 @@ async fn measure() {
     if let Some(path) = std::env::var_os("POSED_BENCH_OUT") {
         std::fs::write(Path::new(&path), text).unwrap();
     }
-}
-
-/// How many boxes of each object go through its keypoint net.
-fn boxes_by_object(answer: &Value) -> Vec<(String, usize)> {
-    let mut boxes: Vec<(String, usize)> = Vec::new();
-    for pose in answer["poses"].as_array().unwrap() {
-        let name = pose["object"].as_str().unwrap();
-        match boxes.iter_mut().find(|(object, _)| object == name) {
-            Some((_, count)) => *count += 1,
-            None => boxes.push((name.to_owned(), 1)),
-        }
-    }
-    boxes
 }
 
 struct Report {

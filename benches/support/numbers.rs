@@ -1,5 +1,5 @@
 //! Many measurements in few numbers.
-#![allow(unreachable_pub, reason = "for the benches alone")]
+#![allow(dead_code, unreachable_pub, reason = "each bench uses a part of this")]
 
 pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)

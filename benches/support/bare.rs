@@ -1,10 +1,11 @@
 //! The networks alone.
-#![allow(unreachable_pub, reason = "for the bench alone")]
+#![allow(dead_code, unreachable_pub, reason = "each bench uses a part of this")]
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use posed::model::{Input, Library, Networks, Provider, Runtime};
+use serde_json::Value;
 
 pub struct BareLoop {
     networks: Networks,
@@ -58,4 +59,17 @@ impl BareLoop {
         }
         start.elapsed().as_secs_f64() * 1e3
     }
+}
+
+/// How many boxes of each object go through its keypoint net.
+pub fn boxes_by_object(answer: &Value) -> Vec<(String, usize)> {
+    let mut boxes: Vec<(String, usize)> = Vec::new();
+    for pose in answer["poses"].as_array().unwrap() {
+        let name = pose["object"].as_str().unwrap();
+        match boxes.iter_mut().find(|(object, _)| object == name) {
+            Some((_, count)) => *count += 1,
+            None => boxes.push((name.to_owned(), 1)),
+        }
+    }
+    boxes
 }
