@@ -28,6 +28,7 @@ images cycles-copies --engine cycles --scenes 240 --views 1 --first 71000 --camo
 images cycles-copies --engine cycles --scenes 120 --views 1 --first 81000 --camouflage 0.6 --objects 1 3 --copies 4
 images cycles-link --engine cycles --scenes 487 --views 1 --first 72000 --camouflage 0.5 --objects 4 --copies 5
 images cycles-crowd --engine cycles --scenes 230 --views 1 --first 73000 --camouflage 0.5 --objects 1 2 3 --copies 3
+images cycles-cameras --engine cycles --scenes 81 --views 1 --first 91000 --camouflage 0.5 --copies 3
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
@@ -62,4 +63,8 @@ keypoints half-hidden/cube-2.toml runs/half-hidden-2 runs/half-hidden/cube/check
 keypoints half-hidden/link.toml runs/half-hidden runs/longer/link/checkpoint.pt
 keypoints half-hidden/link-2.toml runs/half-hidden-2 runs/half-hidden/link/checkpoint.pt
 keypoints half-hidden/link-3.toml runs/half-hidden-3 runs/half-hidden-2/link/checkpoint.pt
+keypoints cameras/cube.toml runs/cameras ../models/cube/keypoints.onnx
+keypoints cameras/cube-2.toml runs/cameras-2 runs/cameras/cube/best.pt
+.venv/bin/python -m benches.mean_of_nets demo/cameras/cube-2.toml runs/cameras/cube runs/cameras-2/cube --data "$data" \
+	--models ../models
 $train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt

@@ -159,8 +159,10 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
         raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
     views = Views(config, root)
     adopted = out / "adopted.json"
-    if adopted.exists():
-        joined.read_adopted(adopted, config, views)
+    before = adopted if adopted.exists() or init is None else init.with_name("adopted.json")
+    if before.exists():
+        joined.read_adopted(before, config, views)
+        joined.write_adopted(adopted, views)
     elif init is not None and init.suffix == ".onnx":
         adopt(config, views, init)
         joined.write_adopted(adopted, views)
