@@ -85,7 +85,7 @@ export class CameraField {
     const same = Object.entries(this.registered).find(([, known]) => JSON.stringify(known) === JSON.stringify(camera));
     if (same) this.select.value = same[0];
     for (const { name, input } of this.numbers) input.value = String(camera[name]);
-    this.lens.value = camera.model;
+    this.lens.value = camera.model ?? 'pinhole';
     this.coefficients.value = (camera.distortion ?? []).join(' ');
     this.pick(same ? 'registered' : 'numbers');
     this.change();

@@ -236,9 +236,13 @@ fn unusable_clicks_are_named() {
     assert_eq!(attempt(&clicks, relative, outside), Err(ClickError::FrameIndex { index: 6, clicks: 6 }));
     let twice = FrameClicks { in_xy: 1, ..FRAME };
     assert_eq!(attempt(&clicks, relative, twice), Err(ClickError::DegenerateFrame));
-    let parallel = ClickError::Triangulation { index: 0, source: TriangulationError::ParallelRays };
-    let same: Vec<_> = clicks.iter().map(|c| Click { second_px: c.first_px, ..*c }).collect();
-    assert_eq!(attempt(&same, Pose::identity(), FRAME), Err(parallel));
+    let shifted = |by: f64| -> Vec<Click> {
+        let moved = |c: &Click| Click { second_px: c.first_px + Vector2::new(by, 0.0), ..*c };
+        clicks.iter().map(moved).collect()
+    };
+    // One image twice, whatever pose is stated for it; and rays that nowhere meet.
+    assert_eq!(attempt(&shifted(1.0), relative, FRAME), Err(ClickError::SameImage));
+    assert!(matches!(attempt(&shifted(9.0), Pose::identity(), FRAME), Err(ClickError::Triangulation { index: 0, .. })));
     let mut broken = clicks.clone();
     broken[2].second_px.y = f64::NAN;
     let not_finite = ClickError::Triangulation { index: 2, source: TriangulationError::NotFinite { index: 1 } };
@@ -247,7 +251,19 @@ fn unusable_clicks_are_named() {
     assert!(matches!(attempt(&clicks, relative.inverse(), FRAME), Err(ClickError::RaysMiss { .. })));
     let mut swapped = clicks.clone();
     swapped[3].second_px = clicks[4].second_px;
+    let outlier = attempt(&swapped, relative, FRAME);
     assert!(
-        matches!(attempt(&swapped, relative, FRAME), Err(ClickError::RaysMiss { index: 3, error_px }) if error_px > 10.0)
+        matches!(outlier, Err(ClickError::Outlier { index: 3, error_px, others_px }) if error_px > 10.0 && others_px < 1.0)
     );
+    // Among clicks that are all inexact it is a wrong one that stands out, and not the worst of the right ones.
+    let (mut named, mut innocent) = (0, 0);
+    for seed in 0..50 {
+        let (_, relative, mut clicks) = clicked(seed, 1.0);
+        innocent += usize::from(from_clicks(&clicks, relative, FRAME).is_ok());
+        let normal = Vector2::new(0.0, 25.0);
+        clicks[4].first_px += normal;
+        named +=
+            usize::from(matches!(from_clicks(&clicks, relative, FRAME), Err(ClickError::Outlier { index: 4, .. })));
+    }
+    assert!(named >= 45 && innocent == 50, "{named} named, {innocent} of 50 accepted");
 }

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args, ValueEnum};
 use image::ImageFormat;
-use nalgebra::{SymmetricEigen, Vector2};
+use nalgebra::SymmetricEigen;
 use serde::Deserialize;
 
+use super::clicks;
 use super::dataset::DatasetArgs;
+use super::known::{Known, beside};
 use super::models::ModelArgs;
 use crate::estimator::{
     CalibrateOptions, KeypointPrediction, KeypointSolver, LocatedView, MeasuredView, calibrate, fit_keypoints_scale,
@@ -15,8 +17,8 @@ use crate::estimator::{
 };
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
-use crate::vision::{BoundingBox, DecodeOptions, Image, decode, encode, read_image};
-use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, Offset, reference_from_clicks};
+use crate::vision::{DecodeOptions, Image, decode, encode, read_image};
+use posed_core::calibration::{Mode, Offset};
 use posed_core::geometry::{Camera, Pose};
 use posed_core::pnp::{self, solve};
 use posed_core::views::Scale;
@@ -38,8 +40,9 @@ pub(super) struct Calibrate {
     /// to this file.
     #[arg(long, value_name = "FILE.json", group = "source")]
     references: Option<PathBuf>,
-    /// Two images with a known relative pose and points clicked in both: JSON {image, first_camera, second_camera,
-    /// second_from_first, clicks: [{first_px, second_px}], frame: {origin, on_x, in_xy}, box_px}.
+    /// Two images with a known relative pose and points clicked in both: JSON {image, second_image (optional), first_camera,
+    /// second_camera, second_from_first, clicks: [{first_px, second_px}], frame: {origin, on_x, in_xy}, box_px}; or a list of such
+    /// pairs, best from different sides.
     #[arg(long, value_name = "FILE.json", group = "source")]
     clicks: Option<PathBuf>,
     /// How to average several references.
@@ -77,14 +80,6 @@ impl From<ModeChoice> for Mode {
     }
 }
 
-/// A reference image with what is known of it.
-struct Known {
-    path: PathBuf,
-    camera: Camera,
-    camera_from_object: Pose,
-    region: BoundingBox,
-}
-
 /// All references, before they become an offset.
 struct Measured<'a> {
     model: &'a ObjectModel,
@@ -102,42 +97,6 @@ struct ReferenceImage {
     camera: Camera,
     camera_from_object: PoseFile,
     box_px: [f64; 4],
-}
-
-/// The file of `--clicks`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ClicksFile {
-    /// The first image.
-    image: PathBuf,
-    first_camera: Camera,
-    second_camera: Camera,
-    second_from_first: PoseFile,
-    clicks: Vec<ClickEntry>,
-    frame: FrameEntry,
-    #[serde(default = "usual_click_error")]
-    sigma_px: f64,
-    box_px: [f64; 4],
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ClickEntry {
-    first_px: [f64; 2],
-    second_px: [f64; 2],
-}
-
-/// Indices of the clicks that span the object's frame.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FrameEntry {
-    origin: usize,
-    on_x: usize,
-    in_xy: usize,
-}
-
-fn usual_click_error() -> f64 {
-    1.0
 }
 
 /// An axis this many times less exact than the best one deserves a view from the side.
@@ -226,8 +185,7 @@ impl Calibrate {
             let entries: Vec<ReferenceImage> = read_json(path)?;
             entries.iter().map(|entry| entry.known(path)).collect()
         } else if let Some(path) = &self.clicks {
-            let file: ClicksFile = read_json(path)?;
-            Ok(vec![file.known(path).map_err(|error| format!("{}: {error}", path.display()))?])
+            clicks::known(path, model)
         } else {
             Err("no references; give --scene, --references or --clicks".into())
         }
@@ -300,38 +258,6 @@ impl ReferenceImage {
     }
 }
 
-impl ClicksFile {
-    fn known(&self, file: &Path) -> Result<Known, Box<dyn Error>> {
-        let clicks: Vec<Click> = self
-            .clicks
-            .iter()
-            .map(|click| Click { first_px: Vector2::from(click.first_px), second_px: Vector2::from(click.second_px) })
-            .collect();
-        let pair = ClickedPair {
-            first_camera: &self.first_camera,
-            second_camera: &self.second_camera,
-            second_from_first: Pose::try_from(&self.second_from_first)?,
-            clicks: &clicks,
-            sigma_px: self.sigma_px,
-        };
-        let FrameEntry { origin, on_x, in_xy } = self.frame;
-        let reference = reference_from_clicks(&pair, FrameClicks { origin, on_x, in_xy })?;
-        println!("{:<6} {:>10} {:>10} {:>8} {:>9}", "click", "first, px", "second, px", "ray, mm", "sigma, mm");
-        for (index, residual) in reference.residuals.iter().enumerate() {
-            println!(
-                "{index:<6} {:>10.2} {:>10.2} {:>8.2} {:>9.2}",
-                residual.first_px, residual.second_px, residual.ray_mm, residual.sigma_mm
-            );
-        }
-        Ok(Known {
-            path: beside(file, &self.image),
-            camera: self.first_camera.clone(),
-            camera_from_object: reference.camera_from_object,
-            region: self.box_px.into(),
-        })
-    }
-}
-
 fn from_scene(scene: &Scene, image: u32, model: &ObjectModel) -> Result<Known, Box<dyn Error>> {
     let view = scene.view(image)?;
     let (obj_id, name) = (model.manifest.obj_id, &model.manifest.name);
@@ -344,8 +270,4 @@ fn from_scene(scene: &Scene, image: u32, model: &ObjectModel) -> Result<Known, B
         _ => return Err(format!("object {obj_id} ({name}) appears more than once; choose another image").into()),
     };
     Ok(Known { path: view.image, camera: view.camera, camera_from_object, region })
-}
-
-fn beside(file: &Path, image: &Path) -> PathBuf {
-    file.parent().unwrap_or(Path::new("")).join(image)
 }

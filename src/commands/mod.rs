@@ -2,11 +2,13 @@
 
 mod calibrate;
 mod check;
+mod clicks;
 mod completions;
 mod dataset;
 mod estimate;
 mod evaluate;
 mod healthcheck;
+mod known;
 mod models;
 mod serve;
 

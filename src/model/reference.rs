@@ -2,6 +2,7 @@ use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -57,12 +58,56 @@ pub struct ReferenceView {
     pub residual_mm: f64,
 }
 
-/// A pose as JSON: the unit quaternion x, y, z, w and metres.
+/// A pose as JSON: the unit quaternion x, y, z, w and metres. It is read from a 4x4 matrix as well, and from what answers have:
+/// both.
 #[derive(Clone, Debug, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "PoseEntry")]
 pub struct PoseFile {
     pub rotation_xyzw: [f64; 4],
     pub translation_m: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseEntry {
+    rotation_xyzw: Option<[f64; 4]>,
+    translation_m: Option<[f64; 3]>,
+    matrix: Option<[[f64; 4]; 4]>,
+}
+
+/// Numbers of answers are rounded by whoever copies them.
+const SAME_POSE: f64 = 1e-3;
+
+impl TryFrom<PoseEntry> for PoseFile {
+    type Error = String;
+
+    fn try_from(entry: PoseEntry) -> Result<Self, String> {
+        let PoseEntry { rotation_xyzw, translation_m, matrix } = entry;
+        let of_matrix = |rows: [[f64; 4]; 4]| {
+            let pose = Pose::from_matrix(&Matrix4::from_fn(|row, column| rows[row][column]));
+            pose.map_err(|error| format!("field 'matrix' is not a pose: {error}"))
+        };
+        let of_matrix = matrix.map(of_matrix).transpose()?;
+        match (rotation_xyzw.zip(translation_m), of_matrix) {
+            (Some((rotation_xyzw, translation_m)), None) => Ok(Self { rotation_xyzw, translation_m }),
+            (Some((rotation_xyzw, translation_m)), Some(of_matrix)) => {
+                let file = Self { rotation_xyzw, translation_m };
+                let pose = Pose::try_from(&file).map_err(|error| error.to_string())?;
+                let apart = (pose.translation() - of_matrix.translation()).norm();
+                if pose.angle_to(&of_matrix) > SAME_POSE || apart > SAME_POSE {
+                    return Err(
+                        "field 'matrix' is another pose than 'rotation_xyzw' and 'translation_m'; give one of them"
+                            .into(),
+                    );
+                }
+                Ok(file)
+            }
+            (None, Some(pose)) if rotation_xyzw.is_none() && translation_m.is_none() => Ok((&pose).into()),
+            (None, _) => {
+                Err("a pose needs 'rotation_xyzw' and 'translation_m', or 'matrix' (4x4, row-major, metres)".into())
+            }
+        }
+    }
 }
 
 impl From<&Pose> for PoseFile {

@@ -232,14 +232,120 @@ fn calibrate_takes_known_poses_and_clicks() {
         path.to_str().unwrap().to_owned()
     };
     let of_scene = offset(&["--scene", scene.path().to_str().unwrap(), "--image", "0"]);
+    // As an answer has it: quaternion and matrix, or the matrix alone; a camera without a model is a pinhole.
+    let rows: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
+    let bare = serde_json::json!({"fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5]});
+    let with_pose = |stated: Value| serde_json::json!([{"image": image, "camera": bare, "camera_from_object": stated, "box_px": box_px}]);
+    let mut both = pose(&camera_from_object);
+    both["matrix"] = serde_json::json!(rows);
     for made in [
         offset(&["--references", &write("known.json", &known)]),
+        offset(&["--references", &write("known.json", &with_pose(serde_json::json!({"matrix": rows})))]),
+        offset(&["--references", &write("known.json", &with_pose(both.clone()))]),
         offset(&["--clicks", &write("clicks.json", &clicked)]),
+        offset(&["--clicks", &write("clicks.json", &serde_json::json!([clicked]))]),
     ] {
         assert!(made.angle_to(&of_scene) < 1e-3, "{made:?} {of_scene:?}");
         assert!((made.translation() - of_scene.translation()).norm() < 1e-4, "{made:?} {of_scene:?}");
     }
+    both["matrix"][0][3] = 1.into();
+    for (stated, words) in [
+        (both, "another pose"),
+        (serde_json::json!({"rotation_xyzw": [0, 0, 0, 1]}), "needs 'rotation_xyzw' and 'translation_m', or 'matrix'"),
+        (
+            serde_json::json!({"matrix": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}),
+            "'matrix' is not a pose",
+        ),
+    ] {
+        let said = explanation(&run(&["calibrate", "cube", "--references", &write("known.json", &with_pose(stated))]));
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    let changed = |change: &dyn Fn(&mut Value)| {
+        let mut clicked = clicked.clone();
+        change(&mut clicked);
+        clicked
+    };
+    let millimetres = |clicked: &mut Value| {
+        for value in clicked["second_from_first"]["translation_m"].as_array_mut().unwrap() {
+            *value = (1e3 * value.as_f64().unwrap()).into();
+        }
+    };
+    let slipped = |clicked: &mut Value| {
+        let y = clicked["clicks"][3]["second_px"][1].as_f64().unwrap();
+        clicked["clicks"][3]["second_px"][1] = (y + 20.0).into();
+    };
+    let one_image = |clicked: &mut Value| {
+        for click in clicked["clicks"].as_array_mut().unwrap() {
+            click["second_px"] = click["first_px"].clone();
+        }
+    };
+    for (file, words) in [
+        (changed(&millimetres), "'second_from_first' in millimetres? give metres"),
+        (changed(&slipped), "click 3: its two rays miss each other"),
+        (changed(&one_image), "they seem to be one image"),
+        (changed(&|clicked| clicked["second_image"] = image.into()), "rgb/000000.jpg are the same image"),
+        (serde_json::json!([clicked, clicked]), "rgb/000000.jpg are the same image"),
+        (serde_json::json!([]), "no pair of images"),
+    ] {
+        let said = explanation(&run(&["calibrate", "cube", "--clicks", &write("clicks.json", &file)]));
+        assert!(said.contains(words), "{words}: {said}");
+    }
     let misspelt = write("known.json", &serde_json::json!([{"image": image, "kamera": camera}]));
     assert!(explanation(&run(&["calibrate", "cube", "--references", &misspelt])).contains("kamera"));
     assert!(explanation(&run(&["calibrate", "cube"])).contains("--scene"));
+}
+
+/// Two pairs of one scene make a reference of two views, each measured by itself.
+#[test]
+fn calibrate_takes_several_pairs_of_images() {
+    let read = |name: &str| -> Value {
+        serde_json::from_slice(&fs::read(crate::support::root().join("samples").join(name)).unwrap()).unwrap()
+    };
+    let pose = |json: &Value| {
+        let numbers = |field: &str| json[field].clone();
+        let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
+        Pose::from_quaternion_xyzw(rotation, serde_json::from_value(numbers("translation_m")).unwrap()).unwrap()
+    };
+    let stated = |pose: &Pose| json!({"rotation_xyzw": pose.rotation_xyzw(), "translation_m": pose.translation_m()});
+    let known = read("scene/poses.json");
+    let rig_from_cube = pose(known.as_array().unwrap().iter().find(|known| known["object"] == "cube").unwrap());
+    let cameras = crate::support::scene_cameras();
+    let views: Vec<String> = (1..=3)
+        .map(|view| crate::support::root().join(format!("samples/scene/view-{view}.jpg")).to_str().unwrap().to_owned())
+        .collect();
+    let from_cube: Vec<Pose> = cameras.iter().map(|camera| pose(camera).inverse() * rig_from_cube).collect();
+    let camera: Value = read("demo.camera.json");
+    let lens: posed_core::geometry::Camera = serde_json::from_value(camera.clone()).unwrap();
+    let box_of = |view: &str| {
+        let output = run(&["estimate", view, "--camera", "samples/demo.camera.json", "--json"]);
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let poses = answer["poses"].as_array().unwrap().clone();
+        poses.iter().find(|pose| pose["object"] == "cube").unwrap()["detection"]["box_px"].clone()
+    };
+    let points = [[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03], [0.03, 0.03, 0.01]];
+    let pair = |first: usize, second: usize| {
+        let pixel = |view: usize, point: &[f64; 3]| {
+            let pixel = lens.project(&from_cube[view].transform(&nalgebra::Vector3::from(*point))).unwrap();
+            [pixel.x, pixel.y]
+        };
+        let clicks = points.map(|point| json!({"first_px": pixel(first, &point), "second_px": pixel(second, &point)}));
+        json!({
+            "image": views[first], "second_image": views[second], "first_camera": camera, "second_camera": camera,
+            "second_from_first": stated(&(from_cube[second] * from_cube[first].inverse())), "clicks": clicks,
+            "frame": {"origin": 0, "on_x": 1, "in_xy": 2}, "box_px": box_of(&views[first]),
+        })
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (file, reference) = (folder.path().join("clicks.json"), folder.path().join("reference"));
+    fs::write(&file, json!([pair(0, 1), pair(1, 2)]).to_string()).unwrap();
+    let output =
+        run(&["calibrate", "cube", "--clicks", file.to_str().unwrap(), "--reference", reference.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let made = reference_file(&reference, "cube");
+    assert_eq!((&made["method"], made["references"].as_array().unwrap().len()), (&"weighted".into(), 2));
+    for (view, reference) in made["references"].as_array().unwrap().iter().enumerate() {
+        let made = pose(&reference["camera_from_object"]);
+        let apart_m = (made.translation() - from_cube[view].translation()).norm();
+        assert!(apart_m < 1e-4 && made.angle_to(&from_cube[view]) < 1e-3, "{view}: {made:?}");
+    }
 }

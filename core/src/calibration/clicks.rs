@@ -83,6 +83,16 @@ pub enum ClickError {
          it goes, and its unit) and the cameras"
     )]
     RaysMiss { index: usize, error_px: f64 },
+    #[error(
+        "click {index}: its two rays miss each other by {error_px:.1} px, those of the others by {others_px:.1} px (median); \
+         click it again, or leave it out"
+    )]
+    Outlier { index: usize, error_px: f64, others_px: f64 },
+    #[error(
+        "every click is at the same place in both images, within {SAME_IMAGE_SIGMAS} sigma: they seem to be one image; choose a \
+         second one from another side"
+    )]
+    SameImage,
     #[error("the frame refers to click {index}, but there are only {clicks}, counted from 0")]
     FrameIndex { index: usize, clicks: usize },
     #[error(
@@ -101,6 +111,14 @@ pub enum ClickError {
 
 /// A click further from its epipolar line than this many standard deviations is no slip of the hand.
 const MAX_ERROR_SIGMAS: f64 = 10.0;
+/// A click this many standard deviations off is looked at ...
+const OUTLIER_SIGMAS: f64 = 3.0;
+/// ... and wrong if it is off by so many times as much as the others ...
+const OUTLIER_TIMES: f64 = 5.0;
+/// ... of which so many are right for each one that is wrong. Where more are off, something else is wrong.
+const RIGHT_FOR_EACH_WRONG: usize = 3;
+/// All points of an object are nowhere near the same pixels of two images of it.
+const SAME_IMAGE_SIGMAS: f64 = 3.0;
 const MIN_FRAME_ANGLE_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// The pose may be this far from the triangulated frame.
 const MAX_DISAGREEMENT_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
@@ -116,18 +134,19 @@ pub fn reference_from_clicks(pair: &ClickedPair, frame: FrameClicks) -> Result<C
     if !(pair.sigma_px > 0.0 && pair.sigma_px < f64::INFINITY) {
         return Err(ClickError::Sigma(pair.sigma_px));
     }
+    let same = |click: &Click| (click.first_px - click.second_px).norm() <= SAME_IMAGE_SIGMAS * pair.sigma_px;
+    if pair.clicks.iter().all(same) {
+        return Err(ClickError::SameImage);
+    }
     let mut points_in_first = Vec::with_capacity(pair.clicks.len());
     let mut residuals = Vec::with_capacity(pair.clicks.len());
     for (index, click) in pair.clicks.iter().enumerate() {
         let (point, residual) =
             pair.triangulate(click).map_err(|source| ClickError::Triangulation { index, source })?;
-        let error_px = residual.first_px.max(residual.second_px);
-        if error_px > MAX_ERROR_SIGMAS * pair.sigma_px {
-            return Err(ClickError::RaysMiss { index, error_px });
-        }
         points_in_first.push(point);
         residuals.push(residual);
     }
+    check_residuals(&residuals, pair.sigma_px)?;
     let first_from_frame = frame.build(&points_in_first)?;
     let frame_from_first = first_from_frame.inverse();
     let points_in_object: Vec<_> = points_in_first.iter().map(|point| frame_from_first.transform(point)).collect();
@@ -146,6 +165,33 @@ pub fn reference_from_clicks(pair: &ClickedPair, frame: FrameClicks) -> Result<C
         return Err(ClickError::Contradiction { angle_deg: angle.to_degrees() });
     }
     Ok(ClickedReference { camera_from_object, covariance, points_in_object, residuals })
+}
+
+/// Few clicks that are off are slips of the hand; where many are, the cameras or their pose are wrong.
+fn check_residuals(residuals: &[ClickResidual], sigma_px: f64) -> Result<(), ClickError> {
+    let errors: Vec<f64> = residuals.iter().map(|residual| residual.first_px.max(residual.second_px)).collect();
+    let is_outlier = |index: usize| {
+        let others_px = median_without(&errors, index);
+        errors[index] > (OUTLIER_SIGMAS * sigma_px).max(OUTLIER_TIMES * others_px)
+    };
+    let outliers: Vec<usize> = (0..errors.len()).filter(|index| is_outlier(*index)).collect();
+    if let Some(worst) = outliers.iter().copied().max_by(|a, b| errors[*a].total_cmp(&errors[*b]))
+        && errors.len() >= outliers.len() * (1 + RIGHT_FOR_EACH_WRONG)
+    {
+        let others_px = median_without(&errors, worst);
+        return Err(ClickError::Outlier { index: worst, error_px: errors[worst], others_px });
+    }
+    match errors.iter().position(|error_px| *error_px > MAX_ERROR_SIGMAS * sigma_px) {
+        Some(index) => Err(ClickError::RaysMiss { index, error_px: errors[index] }),
+        None => Ok(()),
+    }
+}
+
+/// The median of all values but one.
+fn median_without(values: &[f64], index: usize) -> f64 {
+    let mut others: Vec<f64> = values[..index].iter().chain(&values[index + 1..]).copied().collect();
+    others.sort_by(f64::total_cmp);
+    others.get(others.len() / 2).copied().unwrap_or(0.0)
 }
 
 impl ClickedPair<'_> {

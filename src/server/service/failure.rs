@@ -187,6 +187,8 @@ impl From<ClickError> for Failure {
             ClickError::Count(_) | ClickError::Sigma(_) | ClickError::FrameIndex { .. } => FailureKind::InvalidRequest,
             ClickError::Triangulation { .. }
             | ClickError::RaysMiss { .. }
+            | ClickError::Outlier { .. }
+            | ClickError::SameImage
             | ClickError::DegenerateFrame
             | ClickError::Pnp(_)
             | ClickError::Contradiction { .. } => FailureKind::Unmeasurable,

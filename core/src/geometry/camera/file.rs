@@ -9,6 +9,8 @@ use super::model::{Camera, CameraError};
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {
+    /// Without it the camera is a pinhole.
+    #[serde(default)]
     model: CameraModel,
     /// Of the image that the parameters belong to. Without it no image can be found to be of another size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -28,10 +30,11 @@ pub struct CameraFile {
 }
 
 /// OpenCV's lens models.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraModel {
     /// No distortion.
+    #[default]
     Pinhole,
     /// Radial, tangential and thin prism terms.
     OpenCv,
@@ -118,6 +121,15 @@ mod tests {
             serde_json::from_str::<Camera>(&text).unwrap()
         };
         assert_eq!(read(r#""skew":0,"#, ",0,-0.0"), read("", ""));
+    }
+
+    /// A lens must be named: coefficients alone may be those of either model.
+    #[test]
+    fn a_camera_without_a_model_is_a_pinhole() {
+        let read =
+            |more: &str| serde_json::from_str::<Camera>(&format!(r#"{{"fx":600,"fy":600,"cx":320,"cy":240{more}}}"#));
+        assert_eq!(read("").unwrap(), Camera::pinhole(600.0, 600.0, 320.0, 240.0).unwrap());
+        assert!(read(r#","distortion":[0.1,0,0,0]"#).unwrap_err().to_string().contains("pinhole"));
     }
 
     #[test]

@@ -11,18 +11,30 @@ use crate::model::PoseFile;
 use crate::server::service::{CameraChoice, Failure};
 use crate::vision::{RawError, RawLayout};
 
-/// A pose: a unit quaternion (x, y, z, w) and a translation in metres.
-#[derive(Clone, Copy, Debug, serde::Deserialize, serde::Serialize, ToSchema)]
-#[schema(as = Pose)]
-#[serde(deny_unknown_fields)]
+/// A pose in a request.
+#[derive(Clone, Copy, Debug, serde::Deserialize)]
+#[serde(from = "PoseFile")]
 pub(crate) struct PoseForm {
     rotation_xyzw: [f64; 4],
     translation_m: [f64; 3],
 }
 
-impl From<&PoseFile> for PoseForm {
-    fn from(file: &PoseFile) -> Self {
-        Self { rotation_xyzw: file.rotation_xyzw, translation_m: file.translation_m }
+/// A pose: `rotation_xyzw` and `translation_m`, or `matrix`, or all of them as an answer has them.
+#[derive(ToSchema)]
+#[schema(as = Pose)]
+#[expect(dead_code, reason = "describes the JSON form of `PoseFile`")]
+pub(crate) struct PoseSchema {
+    /// Unit quaternion x, y, z, w.
+    rotation_xyzw: Option<[f64; 4]>,
+    /// Metres.
+    translation_m: Option<[f64; 3]>,
+    /// Homogeneous 4x4 matrix, row-major, metres.
+    matrix: Option<[[f64; 4]; 4]>,
+}
+
+impl From<PoseFile> for PoseForm {
+    fn from(PoseFile { rotation_xyzw, translation_m }: PoseFile) -> Self {
+        Self { rotation_xyzw, translation_m }
     }
 }
 
@@ -39,7 +51,8 @@ impl TryFrom<PoseForm> for Pose {
 #[schema(as = Camera)]
 #[expect(dead_code, reason = "describes the JSON form of `posed_core`'s camera; a test compares them")]
 pub(crate) struct CameraForm {
-    model: CameraModelForm,
+    /// By default `pinhole`.
+    model: Option<CameraModelForm>,
     /// Size of the image that the parameters are calibrated for. An image of another size is rejected, unless the
     /// request sets `allow_resize`. Omit both to skip this check. For a region of the frame, keep `fx` and `fy`, and
     /// subtract the region's left and top edges from `cx` and `cy`.

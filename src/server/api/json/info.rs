@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::forms::{CameraForm, PoseForm};
+use super::forms::CameraForm;
 use crate::estimator::MAX_DETECTIONS;
-use crate::model::{InForce, Method};
+use crate::model::{InForce, Method, PoseFile};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
 use crate::vision::{OrientationPolicy, RawEncoding};
 
@@ -70,7 +70,7 @@ pub(crate) struct ReferenceViewReport {
     #[schema(value_type = CameraForm)]
     camera: Camera,
     /// Pose of the object in this image.
-    camera_from_object: PoseForm,
+    camera_from_object: ReferencePose,
     /// Box of the object in this image: x, y, width, height in pixels.
     box_px: [f64; 4],
     /// Whether the offset is computed from this image.
@@ -78,6 +78,20 @@ pub(crate) struct ReferenceViewReport {
     /// Difference between the offset in this image and the overall offset.
     residual_deg: f64,
     residual_mm: f64,
+}
+
+/// A pose as a reference states it.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ReferencePose {
+    /// Unit quaternion x, y, z, w.
+    rotation_xyzw: [f64; 4],
+    translation_m: [f64; 3],
+}
+
+impl From<&PoseFile> for ReferencePose {
+    fn from(file: &PoseFile) -> Self {
+        Self { rotation_xyzw: file.rotation_xyzw, translation_m: file.translation_m }
+    }
 }
 
 /// The limits of the server. Names are those of the settings.

@@ -5,7 +5,7 @@ use posed_core::calibration::{Click, FrameClicks, Mode};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::forms::{CameraChoiceForm, PoseForm};
+use super::forms::{CameraChoiceForm, PoseForm, PoseSchema};
 use crate::server::service::{CameraChoice, ClickedPose, Failure, KnownPose, KnownView};
 use crate::vision::BoundingBox;
 
@@ -34,6 +34,7 @@ struct ReferenceImage {
     #[schema(value_type = CameraChoiceForm)]
     camera: CameraChoice,
     /// Pose of the object in this image.
+    #[schema(value_type = PoseSchema)]
     camera_from_object: PoseForm,
     /// Box of the object: x, y, width, height in pixels. Omit this if the detector finds the object exactly once.
     box_px: Option<[f64; 4]>,
@@ -51,6 +52,7 @@ struct ClicksForm {
     #[schema(value_type = CameraChoiceForm)]
     second_camera: CameraChoice,
     /// Pose of the first camera in the frame of the second one.
+    #[schema(value_type = PoseSchema)]
     second_from_first: PoseForm,
     /// 4 to 16 points.
     clicks: Vec<ClickForm>,

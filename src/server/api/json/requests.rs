@@ -4,7 +4,7 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
-use super::forms::{CameraChoiceForm, PoseForm, RawForm};
+use super::forms::{CameraChoiceForm, PoseForm, PoseSchema, RawForm};
 use crate::estimator::CallerFrames;
 use crate::server::service::{CameraChoice, Failure, PoseRequest};
 use crate::vision::RawLayout;
@@ -28,8 +28,10 @@ pub(crate) struct EstimateRequest {
     #[serde(default)]
     allow_resize: bool,
     /// Pose of the camera in the world frame. If set, the answer also has each pose in the world frame.
+    #[schema(value_type = Option<PoseSchema>)]
     world_from_camera: Option<PoseForm>,
     /// Pose of the camera in the frame of the robot's base. If set, the answer also has each pose in the base frame.
+    #[schema(value_type = Option<PoseSchema>)]
     base_from_camera: Option<PoseForm>,
     /// Your label for the image, such as its capture time. The answer repeats it. At most 64 characters.
     captured_at: Option<String>,

@@ -4,7 +4,7 @@ use posed_core::geometry::Covariance6;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::forms::{CameraChoiceForm, PoseForm, RawForm};
+use super::forms::{CameraChoiceForm, PoseForm, PoseSchema, RawForm};
 use super::report::{ImageReport, ModelsReport, PoseReport, Report, ReportContext, TimingsReport, round};
 use super::transform::{PlacedReport, TransformReport};
 use super::trust::{ReasonForm, StatusForm};
@@ -24,6 +24,7 @@ pub(crate) struct ViewsForm {
     /// order.
     rig: Option<String>,
     /// Pose of the rig in your world frame. Omit this to get poses in the frame of the rig.
+    #[schema(value_type = Option<PoseSchema>)]
     world_from_rig: Option<PoseForm>,
     /// Names of the objects to look for. Omit this to look for all calibrated objects.
     objects: Option<Vec<String>>,
@@ -51,6 +52,7 @@ struct ViewForm {
     #[schema(value_type = CameraChoiceForm)]
     camera: CameraChoice,
     /// Pose of the camera in your world frame.
+    #[schema(value_type = PoseSchema)]
     world_from_camera: PoseForm,
     /// 6x6 covariance of `world_from_camera`, row-major: x, y, z (m²), rotation about x, y, z (rad²), along the axes of the world.
     /// Omit this for standard deviations of 1 mm and 0.1 degrees.
