@@ -2,6 +2,7 @@
 
 use std::hint::black_box;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -10,7 +11,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use posed::estimator::{
     Answer, CallerFrames, Detection, Estimate, ObjectPose, Observed, SolvedKeypoint, SolvedPose, Timings, Verdict,
 };
-use posed::model::{Evidence, ModelsInUse, Provider};
+use posed::model::{Catalogue, Evidence, Library, Provider, References};
 use posed::server::api::json::{Report, ReportContext};
 use posed::vision::{BoundingBox, DecodeOptions, Exif, Fit, Image, Letterbox, Square, crop_squares, decode, letterbox};
 use posed_core::geometry::{Camera, Covariance6, Pose};
@@ -47,13 +48,11 @@ fn stages(criterion: &mut Criterion) {
         });
     });
     criterion.bench_function("write the answer", |b| {
-        let (answer, frames) = (answer(region, &camera), CallerFrames::default());
-        let models = ModelsInUse {
-            provider: Provider::Cpu,
-            detector: "0".repeat(64),
-            keypoints: std::collections::BTreeMap::new(),
-        };
-        let context = ReportContext { models: &models, frames: &frames, captured_at: None };
+        let Ok(library) = Library::load(Path::new("models")).map(Arc::new) else { return };
+        let Ok(references) = References::load(Path::new("reference"), &library).map(Arc::new) else { return };
+        let catalogue = Arc::new(Catalogue { library, references });
+        let (answer, frames) = (answer(region, &camera, catalogue), CallerFrames::default());
+        let context = ReportContext { provider: Provider::Cpu, frames: &frames, captured_at: None };
         b.iter(|| serde_json::to_vec(&Report::new(&answer, &context)));
     });
 }
@@ -67,11 +66,11 @@ fn problem() -> (Vec<Vector3<f64>>, Vec<Vector2<f64>>) {
     (points, pixels)
 }
 
-fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
+fn answer(bounding_box: BoundingBox, camera: &Camera, catalogue: Arc<Catalogue>) -> Answer {
     let found = ObjectPose {
         object: "cube".into(),
         verdict: Verdict::default(),
-        detection: Detection { object: 0, bounding_box, score: 0.9 },
+        detection: Detection { object: 0, bounding_box, score: 0.9, given: None },
         track: None,
         pose: Some(SolvedPose {
             camera_from_object: Pose::identity(),
@@ -101,7 +100,9 @@ fn answer(bounding_box: BoundingBox, camera: &Camera) -> Answer {
         camera: camera.clone(),
         camera_scaled_from: None,
         truncated: false,
+        hints: Vec::new(),
         timings: Timings::default(),
+        catalogue,
     };
     Answer {
         estimate,

@@ -65,6 +65,7 @@ export class AnswerView {
     const ms = (/** @type {number} */ value) => `${value.toFixed(value < 10 ? 1 : 0)} ms`;
     this.details.replaceChildren(
       poses.length > 0 ? this.table(poses) : '',
+      ...(report.hints ?? []).map((hint) => h('p', { class: 'note' }, hint)),
       h('p', { class: 'note' }, `Server ${ms(t.total)}: queue ${ms(t.queue)}, decoding ${ms(t.decode)}, detector ${ms(t.detect)}, keypoints ${ms(t.keypoints)}, solver ${ms(t.pnp)}. Round trip ${ms(roundTripMs)}.`),
       h('div', { class: 'row' }, ...copies(report, picture?.name ?? 'IMAGE', chosen, allowResize)),
     );

@@ -48,7 +48,7 @@ function rows({ ready, queue, workers, last_minute: last, models, memory }) {
     ['workers', `${workers.ready} ready, ${workers.restarts} restarts`],
     ['networks run on', models.provider],
     ['memory', `${mebibytes(memory.resident_bytes)} of at most ${mebibytes(memory.bound_bytes)}`],
-    ['detector', h('code', {}, models.detector)],
+    ['detector', models.detector ? h('code', {}, models.detector) : 'none that objects share'],
   ]);
   return pairs.flatMap(([term, value]) => [h('dt', {}, term), h('dd', {}, value)]);
 }

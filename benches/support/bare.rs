@@ -20,11 +20,10 @@ impl BareLoop {
         let library = Library::load(Path::new("models")).unwrap();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let networks = Networks::load(&library, &Runtime::load(Provider::Cpu, threads).unwrap()).unwrap();
-        let input = &library.detector.manifest.input;
+        let input = &library.shared_detector().unwrap().manifest.input;
         let shape = [1, input.height as usize, input.width as usize, 3];
         let keypoints = boxes.iter().flat_map(|(name, count)| {
-            let of_name = |object: &posed::model::ObjectModel| object.manifest.name == *name;
-            let index = library.objects.iter().position(|object| object.as_ref().is_some_and(of_name)).unwrap();
+            let index = library.place_of(name).unwrap();
             let manifest = &library.objects[index].as_ref().unwrap().manifest;
             let side = manifest.input.size as usize;
             let first_look = manifest.second_look.map(|_| 1);
@@ -52,7 +51,7 @@ impl BareLoop {
     pub fn run(&mut self) -> f64 {
         let start = Instant::now();
         let (shape, values) = &self.detector;
-        self.networks.detector.run(Input::Bytes { shape: *shape, values }).unwrap();
+        self.networks.detectors[0].run(Input::Bytes { shape: *shape, values }).unwrap();
         for (index, shape, values) in &self.keypoints {
             let network = self.networks.keypoints[*index].as_mut().unwrap();
             network.network.run(Input::Bytes { shape: *shape, values }).unwrap();

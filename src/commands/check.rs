@@ -35,15 +35,20 @@ const MAX_ERROR: f64 = 0.1;
 impl Check {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let runtime = self.models.runtime()?;
-        let (mut estimator, library) = self.models.estimator(&runtime)?;
+        let (mut estimator, catalogue) = self.models.estimator(&runtime)?;
+        let library = &catalogue.library;
         estimator.warm_up()?;
         println!("provider {}\n", self.models.provider);
         println!("{:<12} {:<64} difference to the trainer", "model", "sha256");
-        println!("{:<12} {}", "detector", library.detector.manifest.model_sha256);
+        for looking in &library.detectors {
+            let name =
+                looking.owner.as_ref().map_or_else(|| "detector".to_owned(), |owner| format!("{owner}/detector"));
+            println!("{name:<12} {}", looking.model.manifest.model_sha256);
+        }
         let mut differs = Vec::new();
         for object in library.known() {
             let manifest = &object.manifest;
-            let parity = Parity::measure(&self.models.models, object, &runtime)?;
+            let parity = Parity::measure(&self.models.models.join(&manifest.name), object, &runtime)?;
             let text = parity.map_or("unknown".into(), |p| format!("{:.4} px (limit {})", p.worst_px, p.tolerance_px));
             println!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
             differs.extend(parity.filter(|parity| !parity.holds()).map(|_| manifest.name.as_str()));

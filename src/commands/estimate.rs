@@ -2,18 +2,19 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use image::ImageFormat;
 
+use super::boxes::Boxes;
 use super::models::ModelArgs;
 use crate::estimator::{
-    Answer, CallerFrames, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture, cameras_are_meant,
+    Answer, CallerFrames, Estimate as PoseEstimate, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture,
+    cameras_are_meant,
     fuse,
 };
-use crate::model::{ModelsInUse, Rig, RigCamera, read_json, write_atomically};
+use crate::model::{Rig, RigCamera, read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext, ViewsReport};
 use crate::vision::{
     DecodeError, DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode,
@@ -41,6 +42,10 @@ pub(super) struct Estimate {
     /// Images of another size than the camera's are its full frame, resized: scale the parameters.
     #[arg(long)]
     allow_resize: bool,
+    /// Boxes of a detector of your own, which then replaces that of the models: JSON, a list of {object, box_px: [x, y, width,
+    /// height]}, or for several images an object with such a list for each file name.
+    #[arg(long, value_name = "FILE.json", conflicts_with = "rig")]
+    boxes: Option<PathBuf>,
     /// Print the answers as JSON instead of tables. Several images get one line each.
     #[arg(long)]
     json: bool,
@@ -60,12 +65,13 @@ impl Estimate {
             return self.views(rig);
         }
         let camera: Camera = read_json(self.camera.as_deref().ok_or("--camera is missing")?)?;
-        let (mut estimator, library) = self.models.estimator(&self.models.runtime()?)?;
-        let models = ModelsInUse::new(&library, self.models.provider);
-        let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
+        let (mut estimator, catalogue) = self.models.estimator(&self.models.runtime()?)?;
+        let boxes = self.boxes.as_deref().map(|file| Boxes::read(file, &catalogue)).transpose()?;
         self.check_overlays()?;
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         for path in &self.images {
+            let boxes = boxes.as_ref().map(|boxes| boxes.of(path, self.images.len()).map(<[_]>::to_vec)).transpose()?;
+            let selection = Selection { allow_resize: self.allow_resize, boxes, ..Selection::ALL };
             let mut answer = read(path, self.raw)
                 .and_then(|image| estimate(&mut estimator, &image, &camera, &selection, &options))
                 .map_err(|error| format!("{}: {error}{}", path.display(), Self::advice(error.as_ref())))?;
@@ -75,9 +81,10 @@ impl Estimate {
                     .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
             }
             let frames = CallerFrames::default();
-            let report = Report::new(&answer, &ReportContext { models: &models, frames: &frames, captured_at: None });
+            let context = ReportContext { provider: self.models.provider, frames: &frames, captured_at: None };
+            let report = Report::new(&answer, &context);
             if !self.json {
-                print_table(path, &answer.estimate.poses);
+                print_table(path, &answer.estimate);
             } else if self.images.len() > 1 {
                 println!("{}", serde_json::to_string(&report)?);
             } else {
@@ -96,9 +103,7 @@ impl Estimate {
                 format!("{images} images for {cameras} cameras; give one image for each, in their order").into()
             );
         }
-        let (library, references) = self.models.library()?;
-        let mut estimator = Estimator::new(Arc::clone(&library), Arc::clone(&references), &self.models.runtime()?)?;
-        let models = ModelsInUse::new(&library, self.models.provider);
+        let (mut estimator, _) = self.models.estimator(&self.models.runtime()?)?;
         let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         let answer = |(path, camera): (&PathBuf, &RigCamera)| {
@@ -113,9 +118,9 @@ impl Estimate {
         };
         let cameras: Vec<PosedCamera> = rig.cameras.iter().map(posed).collect();
         let images: Vec<_> = answers.iter_mut().filter_map(|answer| answer.image.take()).collect();
-        let estimates: Vec<&crate::estimator::Estimate> = answers.iter().map(|answer| &answer.estimate).collect();
-        let fused = fuse(&library, &references, &cameras, &estimates);
-        cameras_are_meant(&library, &references, &cameras, &estimates, &fused)?;
+        let estimates: Vec<&PoseEstimate> = answers.iter().map(|answer| &answer.estimate).collect();
+        let fused = fuse(&cameras, &estimates);
+        cameras_are_meant(&cameras, &estimates, &fused)?;
         if let Some(out) = &self.overlay {
             let each = images.iter().zip(&estimates).enumerate();
             let drawn: Vec<_> =
@@ -124,7 +129,10 @@ impl Estimate {
                 .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, &models, None))?);
+            println!(
+                "{}",
+                serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, self.models.provider, None))?
+            );
         } else {
             print_fused(&fused);
         }
@@ -215,18 +223,21 @@ fn print_fused(fused: &[FusedPose]) {
     }
 }
 
-fn print_table(path: &Path, poses: &[ObjectPose]) {
+fn print_table(path: &Path, estimate: &PoseEstimate) {
     println!("{}", path.display());
     println!(
         "  {:<12} {:<15} {:>10}  {:>26}  {:>9}",
         "object", "status", "confidence", "translation x y z (m)", "rmse (px)"
     );
-    for found in poses {
+    for found in &estimate.poses {
         let (translation, rmse) = found.pose.as_ref().map_or_else(Default::default, |solved| {
             let [x, y, z] = solved.camera_from_object.translation_m();
             (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.2}", solved.reprojection_rmse_px))
         });
         let (object, status, confidence) = (&found.object, found.verdict.status, found.confidence());
         println!("  {object:<12} {status:<15} {confidence:>10.2}  {translation:>26}  {rmse:>9}");
+    }
+    for hint in &estimate.hints {
+        println!("  {hint}");
     }
 }

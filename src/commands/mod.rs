@@ -1,5 +1,6 @@
 //! One file for each sub-command.
 
+mod boxes;
 mod calibrate;
 mod check;
 mod clicks;

@@ -4,12 +4,14 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::estimator::Estimator;
-use crate::model::{Library, LoadError, Provider, References, Runtime, RuntimeError, Trust, available_cores};
+use crate::model::{
+    Catalogue, Library, LoadError, Provider, References, Runtime, RuntimeError, Trust, available_cores,
+};
 
 /// Where the models are and how they run.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ModelArgs {
-    /// Folder with `detector/` and one folder for each object.
+    /// Folder with one folder for each object, and `detector/` if objects share one.
     #[arg(long, env = "POSED_MODELS", default_value = "models")]
     pub(super) models: PathBuf,
     /// Folder with the reference `<object>.json` of each calibrated object.
@@ -45,8 +47,9 @@ impl ModelArgs {
     }
 
     /// The whole pipeline, with its models.
-    pub(super) fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Library>), LoadError> {
+    pub(super) fn estimator(&self, runtime: &Runtime) -> Result<(Estimator, Arc<Catalogue>), LoadError> {
         let (library, references) = self.library()?;
-        Ok((Estimator::new(Arc::clone(&library), references, runtime)?, library))
+        let catalogue = Arc::new(Catalogue { library, references });
+        Ok((Estimator::of(Arc::clone(&catalogue), runtime)?, catalogue))
     }
 }

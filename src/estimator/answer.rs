@@ -1,13 +1,15 @@
+use std::sync::Arc;
 use std::time::Duration;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::model::{Evidence, RuntimeError};
+use crate::model::{Catalogue, Evidence, RuntimeError};
 use posed_core::geometry::{Camera, CameraError, Covariance6, Pose, rotated_covariance};
 use posed_core::pnp::{PnpError, Status};
 use posed_core::views::Mode;
 
+use super::hint::Hint;
 use super::verdict::Verdict;
 use crate::vision::{BoundingBox, ResampleError};
 
@@ -24,6 +26,11 @@ pub enum EstimateError {
     Resample(#[from] ResampleError),
     #[error(transparent)]
     Abandoned(#[from] Abandoned),
+    #[error(
+        "field 'boxes[{place}].box_px' is {box_px:?}, of which the image ({width}x{height}) shows next to nothing; give x, y, \
+         width, height in pixels of the posted image"
+    )]
+    BoxOutside { place: usize, box_px: [f64; 4], width: u32, height: u32 },
 }
 
 /// Nobody waits for the answer any more.
@@ -46,6 +53,8 @@ pub enum MeasureError {
     UnknownObject(String),
     #[error("the detector does not find the object; set its box ('box_px'), or choose an image that shows it better")]
     NotSeen,
+    #[error("no detector has the object among its labels; set its box ('box_px')")]
+    NoLabel,
     #[error("field 'box_px' is {0:?}, which is outside the image; give x, y, width, height in pixels")]
     BoxOutside([f64; 4]),
     #[error("the detector finds the object more than once; set the box ('box_px') of the one whose pose is known")]
@@ -72,26 +81,39 @@ pub struct Selection {
     pub min_confidence: f64,
     /// Whether an image of another size than the camera's is its full frame, resized.
     pub allow_resize: bool,
+    /// Where the objects are, as the caller knows: then no detector looks.
+    pub boxes: Option<Vec<GivenBox>>,
+}
+
+/// A box that the caller has from a detector of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GivenBox {
+    pub object: String,
+    /// Image pixels. What lies beyond the image is cut off.
+    pub region: BoundingBox,
 }
 
 impl Selection {
     /// All calibrated objects.
-    pub const ALL: Self = Self { objects: None, max_instances: None, min_confidence: 0.0, allow_resize: false };
+    pub const ALL: Self =
+        Self { objects: None, max_instances: None, min_confidence: 0.0, allow_resize: false, boxes: None };
 
     pub(super) fn wants(&self, object: &str) -> bool {
         self.objects.as_ref().is_none_or(|names| names.iter().any(|name| name == object))
     }
 }
 
-/// What the detector saw.
+/// Where an object is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detection {
-    /// Index of the class, and of the object in the library.
+    /// Place of the object in the library.
     pub object: usize,
     /// Box of the visible part, image pixels.
     pub bounding_box: BoundingBox,
-    /// 0..1.
+    /// The detector's, 0..1; 1 for a box that the caller gave.
     pub score: f64,
+    /// Place among the boxes that the caller gave; `None` where a detector saw it.
+    pub given: Option<usize>,
 }
 
 /// What a keypoint net says, in image pixels.
@@ -270,7 +292,11 @@ pub struct Estimate {
     ///
     /// [`MAX_DETECTIONS`]: super::MAX_DETECTIONS
     pub truncated: bool,
+    /// Why there is no pose of what was asked for by name, or of anything.
+    pub hints: Vec<Hint>,
     pub timings: Timings,
+    /// What it was made with.
+    pub catalogue: Arc<Catalogue>,
 }
 
 /// Frames of the caller that the camera's pose is known in.

@@ -103,7 +103,8 @@ fn gather(
         residual: ln(solution.chi2 / (solution.degrees_of_freedom.max(1) as f64)),
         outliers: 1.0 - solution.inlier_count() as f64 / points,
         rivals: 1.0 - solution.weight,
-        score: detection.score,
+        // A box that the caller gave has none.
+        score: if detection.given.is_some() { f64::NAN } else { detection.score },
         box_size: ln(region.extent() / extent_px),
         box_shift: shift.min(1.0),
         at_border: f64::from(u8::from(touches_border(region, image))),

@@ -14,6 +14,8 @@ pub struct Guide {
     pub expected: Vec<Expected>,
     /// Whether the detector looks as well, for what nobody expects.
     pub detect: bool,
+    /// Of the library that the places of expected objects are of: with another one, the detector looks at the whole image.
+    pub generation: u64,
 }
 
 /// An object, and where it should be.
@@ -70,7 +72,7 @@ impl Expected {
             Some(look) => closer(&pixels, &keypoints, look),
             None => Square::around(&bounding_box),
         };
-        let detection = Detection { object: self.object, bounding_box, score: self.score };
+        let detection = Detection { object: self.object, bounding_box, score: self.score, given: None };
         Some(Found { detection, expected: Some(Place { track: self.track, square }) })
     }
 }
@@ -82,7 +84,12 @@ fn visible_box(pixels: &[Vector2<f64>], size: Vector2<f64>) -> Option<BoundingBo
 }
 
 /// What to look at: what is expected, and the detections that it does not explain. `seen` is `None` where no detector looked.
-pub(super) fn look_at(expected: Vec<Found>, seen: Option<Vec<Detection>>, least_score: f64) -> Vec<Found> {
+/// Of each object, expectations with a lower score are given up.
+pub(super) fn look_at(
+    expected: Vec<Found>,
+    seen: Option<Vec<Detection>>,
+    least_score: impl Fn(usize) -> f64,
+) -> Vec<Found> {
     let Some(mut seen) = seen else { return expected };
     let mut found = Vec::new();
     let mut explained = vec![false; seen.len()];
@@ -98,7 +105,7 @@ pub(super) fn look_at(expected: Vec<Found>, seen: Option<Vec<Detection>>, least_
         } else {
             one.detection.score *= UNSEEN;
         }
-        if one.detection.score >= least_score {
+        if one.detection.score >= least_score(one.detection.object) {
             found.push(one);
         }
     }

@@ -61,13 +61,18 @@ impl Follower {
     /// # Errors
     /// When an option is out of its range.
     pub fn new(library: Arc<Library>, options: FollowOptions) -> Result<Self, OptionsError> {
-        let nothing = Shape { symmetries: Symmetries::default(), diameter_m: 0.0 };
-        let shape =
-            |model: &ObjectModel| Shape { symmetries: model.symmetries.clone(), diameter_m: model.manifest.diameter_m };
-        // Numbered as the detector's classes; of those without a model nothing is ever measured.
-        let shapes = library.objects.iter().map(|model| model.as_ref().map_or_else(|| nothing.clone(), shape));
-        let tracker = Tracker::new(options.motion, shapes.collect())?;
+        let tracker = Tracker::new(options.motion, shapes(&library))?;
         Ok(Self { library, tracker, detect_every: options.detect_every, undetected: 0, known: BTreeMap::new() })
+    }
+
+    /// Goes on with another library. What is another object now is not followed any further.
+    fn adopt(&mut self, library: &Arc<Library>) {
+        let old = std::mem::replace(&mut self.library, Arc::clone(library));
+        let changed = |object: usize| {
+            let models = [&old, library].map(|library| library.objects.get(object).and_then(Option::as_ref));
+            !matches!(models, [Some(old), Some(new)] if Arc::ptr_eq(old, new))
+        };
+        self.tracker.reshape(shapes(library), changed);
     }
 
     /// Whether an image of this time (seconds, of any clock) can come next.
@@ -82,10 +87,10 @@ impl Follower {
     #[must_use]
     pub fn guide(&self, time_s: f64, world_from_camera: &Pose, selection: &Selection) -> Guide {
         let camera_from_world = world_from_camera.inverse();
-        let threshold = self.library.detector.manifest.score_threshold;
         let predictions = self.tracker.predictions(time_s);
         let expected = predictions.iter().filter_map(|prediction| {
-            let known = self.known.get(&prediction.id).filter(|known| known.score >= threshold)?;
+            let least = self.library.least_score(prediction.object);
+            let known = self.known.get(&prediction.id).filter(|known| known.score >= least)?;
             self.model(prediction.object).filter(|model| selection.wants(&model.manifest.name))?;
             let camera_from_object = camera_from_world * prediction.world_from_object;
             Some(Expected {
@@ -97,8 +102,10 @@ impl Follower {
             })
         });
         let expected: Vec<Expected> = expected.collect();
-        let is_time = self.undetected + 1 >= self.detect_every;
-        Guide { detect: is_time || expected.is_empty() || self.tracker.needs_detection(), expected }
+        // Boxes of the caller are what a detector would see.
+        let is_time = self.undetected + 1 >= self.detect_every || selection.boxes.is_some();
+        let detect = is_time || expected.is_empty() || self.tracker.needs_detection();
+        Guide { detect, expected, generation: self.library.generation() }
     }
 
     /// Takes the answer to an image that had this guide, and tells how all tracks are then.
@@ -112,6 +119,11 @@ impl Follower {
         guide: &Guide,
         estimate: &Estimate,
     ) -> Result<Vec<Tracked>, TimeError> {
+        self.check_time(time_s)?;
+        let library = &estimate.catalogue.library;
+        if !Arc::ptr_eq(library, &self.library) {
+            self.adopt(library);
+        }
         let usable = |(_, pose): &(usize, &ObjectPose)| pose.verdict.is_measured();
         let poses = estimate.poses.iter().enumerate().filter(usable);
         let said: Vec<(usize, &ObjectPose, &SolvedPose)> =
@@ -152,7 +164,7 @@ impl Follower {
     }
 
     fn model(&self, object: usize) -> Option<&ObjectModel> {
-        self.library.objects.get(object)?.as_ref()
+        self.library.objects.get(object)?.as_deref()
     }
 
     /// What the detector says of what was expected.
@@ -178,4 +190,14 @@ impl Follower {
             of_offset: rotated_covariance(&to_object, &(solved.covariance - solved.image_covariance)),
         }
     }
+}
+
+/// Numbered as the library's objects; where one was removed, nothing is ever measured.
+fn shapes(library: &Library) -> Vec<Shape> {
+    let nothing = Shape { symmetries: Symmetries::default(), diameter_m: 0.0 };
+    let shape = |model: &Arc<ObjectModel>| Shape {
+        symmetries: model.symmetries.clone(),
+        diameter_m: model.manifest.diameter_m,
+    };
+    library.objects.iter().map(|model| model.as_ref().map_or_else(|| nothing.clone(), shape)).collect()
 }

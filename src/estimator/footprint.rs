@@ -3,7 +3,7 @@
 use super::detect::MAX_DETECTIONS;
 use super::keypoints::MAX_BATCH;
 use super::pipeline::Estimator;
-use crate::model::{KeypointManifest, Library};
+use crate::model::{KeypointManifest, Library, Looking};
 use crate::vision::MAX_CANVAS_BYTES;
 
 /// Bytes of an RGB pixel, and of its three floats.
@@ -23,8 +23,11 @@ impl Estimator {
             area * (boxes * crops_of_box * RGB + MAX_BATCH as u64 * (RGB + RGB_FLOATS))
         };
         let objects = library.known().map(|object| of_object(&object.manifest)).max().unwrap_or(0);
-        let detector = &library.detector.manifest.input;
-        let letterbox = u64::from(detector.width) * u64::from(detector.height) * (RGB + RGB_FLOATS);
-        objects.max(letterbox) + MAX_CANVAS_BYTES
+        let letterbox = |looking: &Looking| {
+            let input = &looking.model.manifest.input;
+            u64::from(input.width) * u64::from(input.height) * (RGB + RGB_FLOATS)
+        };
+        let detectors = library.detectors.iter().map(letterbox).max().unwrap_or(0);
+        objects.max(detectors) + MAX_CANVAS_BYTES
     }
 }

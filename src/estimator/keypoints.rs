@@ -210,7 +210,7 @@ pub(super) fn solve_judged(
     keypoints_scale: f64,
 ) -> Result<Solution, PnpError> {
     let Solved { mut solution, .. } = second_peaks::solve(manifest, found, camera, keypoints_scale)?;
-    let certain = Detection { object: 0, bounding_box: *region, score: 1.0 };
+    let certain = Detection { object: 0, bounding_box: *region, score: 1.0, given: None };
     solution.covariance = evidence::judge(manifest, &certain, found, &solution, image, camera).covariance(&solution);
     Ok(solution)
 }

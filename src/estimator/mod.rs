@@ -12,8 +12,12 @@ mod feed;
 mod follow;
 mod footprint;
 mod gates;
+mod given;
+mod hint;
+mod hints;
 mod job;
 mod keypoints;
+mod look;
 mod mistakes;
 mod pace;
 mod parity;
@@ -27,6 +31,7 @@ mod second_peaks;
 mod solver;
 mod stated_pose;
 mod stats;
+mod update;
 mod verdict;
 mod views;
 mod watchdog;
@@ -34,13 +39,14 @@ mod worker;
 
 pub use admission::{Admission, BodyLease, PixelLease, Place, Refusal, Room};
 pub use answer::{
-    Abandoned, CallerFrames, Detection, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose,
-    Observed, Selection, SolvedKeypoint, SolvedPose, Spread, Timings,
+    Abandoned, CallerFrames, Detection, Estimate, EstimateError, GivenBox, KeypointPrediction, MeasureError,
+    ObjectPose, Observed, Selection, SolvedKeypoint, SolvedPose, Spread, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use detect::MAX_DETECTIONS;
 pub use expected::{Expected, Guide};
 pub use follow::{FollowOptions, Follower, Tracked};
+pub use hint::Hint;
 pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::{Estimator, Frame};
@@ -48,6 +54,7 @@ pub use queue::{Queue, QueueConfig};
 pub use solver::KeypointSolver;
 pub use stated_pose::{StatedPoseError, no_view_twice};
 pub use stats::Stats;
+pub use update::{Update, UpdateError};
 pub use verdict::{Reason, Reasons, Verdict};
 pub use views::{
     CamerasError, FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, cameras_are_meant, fit_keypoints_scale,

@@ -27,9 +27,14 @@ pub enum ParityError {
     Crops { path: PathBuf, source: image::ImageError },
     #[error("{}: the image is {width}x{height} pixels; it must have {expected} crops of {size}x{size}, one below the other", path.display())]
     Shape { path: PathBuf, width: u32, height: u32, expected: usize, size: u32 },
+    #[error("{}: it has {crops} crops; at most {MAX_CROPS} are allowed", path.display())]
+    TooMany { path: PathBuf, crops: usize },
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
 }
+
+/// They go through the network together.
+const MAX_CROPS: usize = 64;
 
 /// How far a network is from where it was trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,23 +44,28 @@ pub struct Parity {
 }
 
 impl Parity {
-    /// Runs an object's network on the crops that the trainer left beside it; `None` where it left none.
+    /// Runs an object's network on the crops that the trainer left in its folder; `None` where it left none.
     ///
     /// # Errors
     /// [`ParityError`] names the file.
     pub fn measure(folder: &Path, object: &ObjectModel, backend: &dyn Backend) -> Result<Option<Self>, ParityError> {
-        let folder = folder.join(&object.manifest.name);
         if !folder.join("parity.json").exists() {
             return Ok(None);
         }
         let file: ParityFile = read_json(&folder.join("parity.json"))?;
-        let path = folder.join("parity.png");
-        let crops = image::open(&path).map_err(|source| ParityError::Crops { path: path.clone(), source })?.into_rgb8();
-        let ((width, height), size) = (crops.dimensions(), object.manifest.input.size);
         let expected = file.keypoints_px.len();
+        if expected > MAX_CROPS {
+            return Err(ParityError::TooMany { path: folder.join("parity.json"), crops: expected });
+        }
+        let path = folder.join("parity.png");
+        let unreadable = |source| ParityError::Crops { path: path.clone(), source };
+        // The size before the pixels, which may be any number.
+        let (width, height) = image::image_dimensions(&path).map_err(unreadable)?;
+        let size = object.manifest.input.size;
         if width != size || height as usize != expected * size as usize {
             return Err(ParityError::Shape { path, width, height, expected, size });
         }
+        let crops = image::open(&path).map_err(unreadable)?.into_rgb8();
         let mut network = object.network(backend)?;
         let found = raw_keypoints(&object.manifest, &mut network, crops.as_raw(), expected)?;
         let pairs = found.iter().zip(&file.keypoints_px).flat_map(|(found, wanted)| found.pixels.iter().zip(wanted));

@@ -1,5 +1,5 @@
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use fast_image_resize::Resizer;
 use image::RgbImage;
@@ -7,13 +7,16 @@ use image::RgbImage;
 use super::answer::{
     Abandoned, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection, Timings,
 };
-use super::detect::{Wanted, detect};
+use super::detect::Wanted;
 use super::doubts;
 use super::expected::{Expected, Found, Guide, look_at};
 use super::gates::object_pose;
+use super::hints::Outcome;
 use super::keypoints::{self, Crops};
+use super::look::Eyes;
+use super::update::{Update, warm_up};
 use super::watchdog::Activity;
-use crate::model::{Backend, KeypointNet, Library, Networks, ObjectModel, References, RuntimeError};
+use crate::model::{Backend, Catalogue, KeypointNet, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
@@ -41,8 +44,7 @@ impl<'a> Frame<'a> {
 
 /// The whole pipeline on one thread: it owns its networks.
 pub struct Estimator {
-    library: Arc<Library>,
-    references: Arc<References>,
+    catalogue: Arc<Catalogue>,
     networks: Networks,
     resizer: Resizer,
     /// For whoever watches: which network runs.
@@ -53,7 +55,11 @@ pub struct Estimator {
 struct Progress {
     camera: Camera,
     found: Vec<Found>,
+    /// Whether detectors looked, or the caller gave boxes.
+    looked: bool,
     truncated: bool,
+    /// Objects that were seen where another one was seen more clearly.
+    covered: Vec<usize>,
     poses: Vec<ObjectPose>,
     timings: Timings,
 }
@@ -74,8 +80,28 @@ impl Estimator {
         references: Arc<References>,
         backend: &dyn Backend,
     ) -> Result<Self, RuntimeError> {
-        let networks = Networks::load(&library, backend)?;
-        Ok(Self { library, references, networks, resizer: Resizer::new(), activity: Arc::default() })
+        Self::of(Arc::new(Catalogue { library, references }), backend)
+    }
+
+    /// As [`Estimator::new`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn of(catalogue: Arc<Catalogue>, backend: &dyn Backend) -> Result<Self, RuntimeError> {
+        let networks = Networks::load(&catalogue.library, backend)?;
+        Ok(Self { catalogue, networks, resizer: Resizer::new(), activity: Arc::default() })
+    }
+
+    /// Goes on with another catalogue. One that is older than its own changes nothing: it has been loaded anew meanwhile.
+    pub(super) fn adopt(&mut self, update: Update) {
+        let Update { catalogue, networks } = update;
+        if catalogue.library.generation() <= self.catalogue.library.generation() {
+            return;
+        }
+        let none = Networks { detectors: Vec::new(), keypoints: Vec::new() };
+        let old = std::mem::replace(&mut self.networks, none);
+        self.networks = old.renewed(&self.catalogue.library, &catalogue.library, networks);
+        self.catalogue = catalogue;
     }
 
     /// Finds all calibrated objects in one image, the most trusted poses first.
@@ -100,15 +126,15 @@ impl Estimator {
     pub fn estimate_all(&mut self, frames: &[Frame<'_>]) -> Vec<Result<Estimate, EstimateError>> {
         let mut progress: Vec<Result<Progress, EstimateError>> =
             frames.iter().map(|frame| self.look_for_objects(frame, &self.wanted(frame.selection))).collect();
-        let library = Arc::clone(&self.library);
-        for (index, model) in library.objects.iter().enumerate() {
+        let catalogue = Arc::clone(&self.catalogue);
+        for (index, model) in catalogue.library.objects.iter().enumerate() {
             let Some(model) = model else { continue };
-            if let Some(in_force) = self.references.get(&model.manifest.name) {
+            if let Some(in_force) = catalogue.references.get(&model.manifest.name) {
                 self.estimate_object(index, model, &in_force.reference.offset, frames, &mut progress);
             }
         }
         let answers = frames.iter().zip(progress);
-        answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame))).collect()
+        answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame, &catalogue))).collect()
     }
 
     /// Solves one object's virtual keypoints, scaled, in a reference image (`camera_from_keypoints`): within a box, or within
@@ -124,18 +150,19 @@ impl Estimator {
         region: Option<BoundingBox>,
         keypoints_scale: f64,
     ) -> Result<(BoundingBox, Solution), MeasureError> {
-        let library = Arc::clone(&self.library);
-        let named = |model: &&ObjectModel| model.manifest.name == object;
-        let found = library.objects.iter().enumerate().find_map(|(index, o)| Some((index, o.as_ref().filter(named)?)));
+        let library = Arc::clone(&self.catalogue.library);
+        let place = library.place_of(object);
+        let found = place.and_then(|place| Some((place, library.objects[place].as_ref()?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
         let camera = &camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
         let whole = BoundingBox { x: 0.0, y: 0.0, width: image.width().into(), height: image.height().into() };
         let region = match region {
             Some(region) if region.overlap(&whole) > 0.0 => region,
             Some(region) => return Err(MeasureError::BoxOutside(region.into())),
+            None if library.detector_of(index).is_none() => return Err(MeasureError::NoLabel),
             None => {
-                let classes = (0..library.objects.len()).map(|class| class == index).collect();
-                let wanted = Wanted { classes, least_score: 0.0 };
+                let objects = (0..library.objects.len()).map(|place| place == index).collect();
+                let wanted = Wanted { objects, least_score: 0.0 };
                 the_only_box(&self.look_for_objects(&Frame::new(image, camera), &wanted)?.found, index)?
             }
         };
@@ -153,31 +180,24 @@ impl Estimator {
     /// # Errors
     /// When a network fails.
     pub fn warm_up(&mut self) -> Result<(), EstimateError> {
-        let image = RgbImage::from_pixel(640, 480, image::Rgb([114; 3]));
-        let region = BoundingBox { x: 256.0, y: 176.0, width: 128.0, height: 128.0 };
-        let wanted = Wanted { classes: Vec::new(), least_score: 0.0 };
-        detect(&self.library.detector.manifest, self.networks.detector.as_mut(), &mut self.resizer, &image, &wanted)?;
-        for (model, network) in self.library.objects.iter().zip(&mut self.networks.keypoints) {
-            if let (Some(model), Some(network)) = (model, network) {
-                keypoints::warm_up(&model.manifest, network, &mut self.resizer, &image, region)?;
-            }
-        }
-        Ok(())
+        let Networks { detectors, keypoints } = &mut self.networks;
+        let library = &self.catalogue.library;
+        let detectors = library.detectors.iter().zip(detectors.iter_mut());
+        let keypoints = library.objects.iter().zip(keypoints).filter_map(|(o, net)| o.as_deref().zip(net.as_mut()));
+        warm_up(detectors.map(|(looking, network)| (looking, network.as_mut())), keypoints)
     }
 
     /// Of the calibrated objects those that are selected.
     fn wanted(&self, selection: &Selection) -> Wanted {
-        let wanted = |model: &Option<ObjectModel>| {
+        let Catalogue { library, references } = &*self.catalogue;
+        let wanted = |model: &Option<Arc<ObjectModel>>| {
             let name = model.as_ref().map(|model| model.manifest.name.as_str());
-            name.is_some_and(|name| selection.wants(name) && self.references.get(name).is_some())
+            name.is_some_and(|name| selection.wants(name) && references.get(name).is_some())
         };
-        Wanted { classes: self.library.objects.iter().map(wanted).collect(), least_score: self.least_score(selection) }
-    }
-
-    /// Detections with a lower score have no pose that is wanted. A probability is not bound by the score.
-    fn least_score(&self, selection: &Selection) -> f64 {
-        let by_score = self.library.objects.iter().flatten().all(|model| model.manifest.trust.is_none());
-        if by_score { selection.min_confidence } else { 0.0 }
+        // Detections with a lower score have no pose that is wanted. A probability is not bound by the score.
+        let by_score = library.known().all(|model| model.manifest.trust.is_none());
+        let least_score = if by_score { selection.min_confidence } else { 0.0 };
+        Wanted { objects: library.objects.iter().map(wanted).collect(), least_score }
     }
 
     fn look_for_objects(&mut self, frame: &Frame<'_>, wanted: &Wanted) -> Result<Progress, EstimateError> {
@@ -188,23 +208,31 @@ impl Estimator {
         } else {
             frame.camera.for_image(width, height).map_err(EstimateError::OtherSize)?
         };
-        let expected = frame.guide.map_or(&[][..], |guide| &guide.expected);
+        let guide = frame.guide.filter(|guide| guide.generation == self.catalogue.library.generation());
+        let expected = guide.map_or(&[][..], |guide| &guide.expected);
+        let library = &self.catalogue.library;
         let place = |one: &Expected| {
-            let is_wanted = wanted.classes.get(one.object).is_some_and(|wanted| *wanted);
-            let model = self.library.objects.get(one.object)?.as_ref().filter(|_| is_wanted)?;
+            let model = library.objects.get(one.object)?.as_ref().filter(|_| wanted.object(one.object))?;
             one.found(&model.manifest, &camera, (width, height))
         };
         let expected: Vec<Found> = expected.iter().filter_map(place).collect();
-        let manifest = &self.library.detector.manifest;
-        let (mut seen, mut truncated, mut timings) = (None, false, Timings::default());
-        if frame.guide.is_none_or(|guide| guide.detect) {
-            self.activity.runs("the detector");
-            let found = detect(manifest, self.networks.detector.as_mut(), &mut self.resizer, frame.image, wanted)?;
-            (truncated, timings.detect) = (found.truncated, found.elapsed);
-            seen = Some(found.detections);
-        }
-        let found = look_at(expected, seen, manifest.score_threshold.max(wanted.least_score));
-        Ok(Progress { camera, found, truncated, poses: Vec::new(), timings })
+        let boxes = frame.selection.boxes.as_deref();
+        let looked = boxes.is_some() || guide.is_none_or(|guide| guide.detect);
+        let seen = if looked {
+            let detectors = &mut self.networks.detectors[..];
+            let mut eyes = Eyes { library, detectors, resizer: &mut self.resizer, activity: &self.activity };
+            Some(eyes.look(frame.image, boxes, wanted)?)
+        } else {
+            None
+        };
+        let least_score = |object: usize| library.least_score(object).max(wanted.least_score);
+        let timings =
+            Timings { detect: seen.as_ref().map_or(Duration::ZERO, |seen| seen.elapsed), ..Timings::default() };
+        let truncated = seen.as_ref().is_some_and(|seen| seen.truncated);
+        let (detections, covered) = seen.map(|seen| (seen.detections, seen.covered)).unzip();
+        let found = look_at(expected, detections, least_score);
+        let covered = covered.unwrap_or_default();
+        Ok(Progress { camera, found, looked, truncated, covered, poses: Vec::new(), timings })
     }
 
     /// One object's keypoints and poses in all frames.
@@ -336,8 +364,8 @@ fn limit_instances(poses: &mut Vec<ObjectPose>, limit: usize) {
 
 impl Progress {
     /// The poses that were asked for, the most trusted first.
-    fn finish(self, frame: &Frame<'_>) -> Estimate {
-        let Self { camera, mut poses, truncated, timings, .. } = self;
+    fn finish(self, frame: &Frame<'_>, catalogue: &Arc<Catalogue>) -> Estimate {
+        let Self { camera, mut poses, truncated, timings, looked, covered, .. } = self;
         if !poses.is_empty() {
             for doubt in doubts::of_image(frame.image, &camera) {
                 for pose in &mut poses {
@@ -346,6 +374,7 @@ impl Progress {
             }
         }
         let selection = frame.selection;
+        let found: Vec<usize> = poses.iter().map(|pose| pose.detection.object).collect();
         poses.retain(|pose| pose.confidence() >= selection.min_confidence);
         poses.sort_by(|a, b| {
             let by_score = || b.detection.score.total_cmp(&a.detection.score);
@@ -357,6 +386,9 @@ impl Progress {
         }
         let (width, height) = frame.image.dimensions();
         let camera_scaled_from = frame.camera.size().filter(|size| *size != (width, height));
-        Estimate { width, height, poses, camera, camera_scaled_from, truncated, timings }
+        let outcome = Outcome { selection, catalogue, looked, covered: &covered, found: &found, poses: &poses };
+        let hints = outcome.hints();
+        let catalogue = Arc::clone(catalogue);
+        Estimate { width, height, poses, camera, camera_scaled_from, truncated, hints, timings, catalogue }
     }
 }

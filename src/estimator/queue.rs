@@ -14,6 +14,7 @@ use super::pace::Pace;
 use super::pipeline::Estimator;
 use super::prepare::Decoders;
 use super::stats::Stats;
+use super::update::Update;
 use super::worker::{self, Batching, StartError, Workers};
 use crate::model::RuntimeError;
 use crate::vision::{DecodeOptions, Image};
@@ -41,8 +42,9 @@ pub struct Queue {
     admission: Admission,
     decoders: Decoders,
     jobs: crossbeam_channel::Sender<Slot>,
+    /// One for each worker.
+    updates: Vec<crossbeam_channel::Sender<Update>>,
     pace: Arc<Pace>,
-    workers: usize,
     stats: Arc<Stats>,
 }
 
@@ -67,10 +69,24 @@ impl Queue {
             pace: Arc::clone(&pace),
             stats: Arc::clone(&stats),
         };
-        worker::start(config.workers, config.worker_timeout, &workers)?;
+        let updates = worker::start(config.workers, config.worker_timeout, &workers)?;
         let admission = Admission::new(config.room);
         let decoders = Decoders::new(admission.clone(), config.decoders, config.decode);
-        Ok(Self { admission, decoders, jobs, pace, workers: config.workers, stats })
+        Ok(Self { admission, decoders, jobs, updates, pace, stats })
+    }
+
+    /// How many workers there are: each needs an [`Update`] of its own.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        self.updates.len()
+    }
+
+    /// What the workers go on with, each before its next batch. Images that come after this are answered with it.
+    pub fn adopt(&self, updates: impl IntoIterator<Item = Update>) {
+        for (worker, update) in self.updates.iter().zip(updates) {
+            // One that has ended needs nothing more.
+            drop(worker.send(update));
+        }
     }
 
     /// Estimates poses from one image. Dropping the future takes the image out of the queue.
@@ -106,7 +122,7 @@ impl Queue {
     }
 
     fn in_time(&self, ahead: usize, deadline: Instant) -> Result<(), Refusal> {
-        if self.stats.lost_workers.load(Ordering::Relaxed) >= self.workers {
+        if self.stats.lost_workers.load(Ordering::Relaxed) >= self.workers() {
             return Err(Refusal::NoWorkers);
         }
         self.pace.may_come(ahead, deadline)

@@ -60,7 +60,7 @@ impl<'a> KeypointSolver<'a> {
     ) -> Result<ObjectPose, EstimateError> {
         let camera = camera.for_image(image.width(), image.height())?;
         let found = locate_within(&self.model.manifest, &mut self.network, &mut self.resizer, image, region)?;
-        let detection = Detection { object: 0, bounding_box: *region, score: 1.0 };
+        let detection = Detection { object: 0, bounding_box: *region, score: 1.0, given: None };
         Ok(object_pose(self.model, offset, detection, &found, image, &camera))
     }
 }

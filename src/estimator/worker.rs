@@ -13,6 +13,7 @@ use super::job::{Job, QueueError, Slot, Task};
 use super::pace::Pace;
 use super::pipeline::{Estimator, Frame};
 use super::stats::Stats;
+use super::update::Update;
 use super::watchdog::{self, Activity};
 use crate::model::RuntimeError;
 
@@ -51,28 +52,37 @@ pub(super) struct Workers {
     pub stats: Arc<Stats>,
 }
 
-/// Starts the workers and comes back once each of them is warmed up. They end with the last sender of jobs. One whose batch
-/// takes longer than `timeout` is taken out until it comes back.
-pub(super) fn start(count: usize, timeout: Duration, workers: &Workers) -> Result<(), StartError> {
+/// Starts the workers and comes back once each of them is warmed up, with a sender of updates for each. They end with the
+/// last sender of jobs. One whose batch takes longer than `timeout` is taken out until it comes back.
+pub(super) fn start(count: usize, timeout: Duration, workers: &Workers) -> Result<Vec<Sender<Update>>, StartError> {
     let (started, starts) = crossbeam_channel::unbounded();
-    let mut watched = Vec::with_capacity(count);
+    let (mut watched, mut senders) = (Vec::with_capacity(count), Vec::with_capacity(count));
     for index in 0..count {
         let (workers, started, activity) = (workers.clone(), started.clone(), Arc::new(Activity::default()));
         let name = format!("worker-{index}");
         watched.push((name.clone(), Arc::downgrade(&activity)));
+        let (sender, updates) = crossbeam_channel::unbounded();
+        senders.push(sender);
         let thread = std::thread::Builder::new().name(name.clone());
-        thread.spawn(move || workers.work(&name, &activity, started))?;
+        thread.spawn(move || workers.work(&name, &activity, updates, started))?;
     }
     drop(started);
     for _ in 0..count {
         starts.recv().map_err(|_| StartError::Panicked)??;
     }
-    Ok(watchdog::watch(timeout, watched, Arc::clone(&workers.stats))?)
+    watchdog::watch(timeout, watched, Arc::clone(&workers.stats))?;
+    Ok(senders)
 }
 
 impl Workers {
     /// A worker's life: networks, batches, and after a panic new networks.
-    fn work(&self, name: &str, activity: &Arc<Activity>, started: Sender<Result<(), StartError>>) {
+    fn work(
+        &self,
+        name: &str,
+        activity: &Arc<Activity>,
+        mut updates: Receiver<Update>,
+        started: Sender<Result<(), StartError>>,
+    ) {
         let stats = &self.stats;
         // A panic here is said like any other failure: the receiver waits for the word of every worker.
         let first = catch_unwind(AssertUnwindSafe(|| self.load(activity))).unwrap_or(Err(StartError::Panicked));
@@ -84,9 +94,11 @@ impl Workers {
         let _ = started.send(Ok(()));
         drop(started);
         let mut next = None;
-        while let Some(first) = next.take().or_else(|| self.jobs.iter().find_map(|slot| slot.take())) {
+        while let Some(first) = next.take().or_else(|| self.wait(&mut estimator, &mut updates)) {
             let (batch, later) = self.gather(first);
             next = later;
+            // Whoever saw a new catalogue in force before it asked is answered with it.
+            updates.try_iter().for_each(|update| estimator.adopt(update));
             if batch.is_empty() {
                 continue;
             }
@@ -124,6 +136,23 @@ impl Workers {
         let mut estimator = self.make(activity)?;
         estimator.warm_up()?;
         Ok(estimator)
+    }
+
+    /// The next job, and what is to be adopted until it comes; `None` once no more jobs can come.
+    fn wait(&self, estimator: &mut Estimator, updates: &mut Receiver<Update>) -> Option<Job> {
+        loop {
+            crossbeam_channel::select! {
+                recv(self.jobs) -> slot => match slot.ok()?.take() {
+                    Some(job) => return Some(job),
+                    None => {}
+                },
+                recv(updates) -> update => match update {
+                    Ok(update) => estimator.adopt(update),
+                    // The queue is gone; jobs that wait are still answered.
+                    Err(_) => *updates = crossbeam_channel::never(),
+                },
+            }
+        }
     }
 
     /// What waits, and what comes soon, as far as somebody waits for it and it can be in time. The second is a job that would

@@ -1,10 +1,16 @@
 //! Model folders, references, and the runtime of the networks.
 
+mod catalogue;
+mod detector;
 mod evidence;
+mod file_version;
+mod in_force;
 mod library;
+mod load_error;
 mod manifest;
 mod network;
 mod networks;
+mod object;
 mod onnx;
 mod provider;
 mod reference;
@@ -12,8 +18,13 @@ mod references;
 mod rig;
 mod runtime;
 
+pub use catalogue::{Catalogue, Current};
+pub use detector::DetectorModel;
 pub use evidence::Evidence;
-pub use library::{DetectorModel, Library, LoadError, ModelsInUse, ObjectModel};
+pub use file_version::{FileVersion, FolderVersion};
+pub use in_force::InForce;
+pub use library::{Library, Looking};
+pub use load_error::LoadError;
 pub use manifest::{
     Channels, Coordinates, CovarianceTrust, CropVariant, DetectorFormat, DetectorInput, DetectorManifest, ElementType,
     KeypointInput, KeypointManifest, KeypointOutput, Layout, Linear, ManifestError, PixelFormat, Placement, SecondLook,
@@ -21,10 +32,11 @@ pub use manifest::{
 };
 pub(crate) use manifest::{read_json, read_regular};
 pub use network::{Backend, Input, KeypointNet, Network, Output, Outputs, RuntimeError, SizeInput};
-pub use networks::Networks;
+pub use networks::{Networks, NewNetworks};
+pub use object::ObjectModel;
 pub use provider::Provider;
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
-pub use references::{FileVersion, InForce, References};
+pub use references::References;
 pub use rig::{Rig, RigCamera, RigError};
 pub use runtime::{Runtime, available_cores};

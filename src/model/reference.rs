@@ -33,6 +33,17 @@ pub enum ReferenceError {
     Write { path: PathBuf, source: std::io::Error },
 }
 
+impl ReferenceError {
+    /// Why an object goes without it, for whoever serves it.
+    pub(super) fn of_another_net(&self) -> String {
+        let Self::OtherModel { object, stated, found, .. } = self else { return self.to_string() };
+        format!(
+            "its reference belongs to another keypoint net (sha256 {stated}; the current one has {found}); make a new one \
+             with `posed calibrate {object}`"
+        )
+    }
+}
+
 /// The calibrated offset of an object: where the user's frame lies in the frame of the virtual keypoints.
 #[derive(Clone, Debug)]
 pub struct Reference {

@@ -1,40 +1,35 @@
 use std::collections::BTreeMap;
+use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::SystemTime;
 
-use super::library::{Library, ObjectModel};
-use super::manifest::{MAX_JSON_BYTES, ManifestError, read_bytes, sha256_hex};
+use super::file_version::FileVersion;
+use super::in_force::InForce;
+use super::library::Library;
+use super::manifest::sha256_hex;
+use super::object::ObjectModel;
 use super::reference::{Reference, ReferenceError, write_atomically};
 
-/// The references in force. Replacing one takes effect with the next image.
+/// The references in force: of each object the file in a folder of references, else the one that its own folder brings along.
+/// Replacing one takes effect with the next image.
 pub struct References {
     folder: PathBuf,
     by_object: RwLock<BTreeMap<String, Entry>>,
 }
 
-enum Entry {
+#[derive(Clone)]
+struct Entry {
+    state: State,
+    /// The file in the folder of references as it was looked at last.
+    file: Option<FileVersion>,
+}
+
+#[derive(Clone)]
+enum State {
     InForce(Arc<InForce>),
     /// Why it is not in force.
     Unusable(String),
-}
-
-/// A reference, and which file it came from.
-#[derive(Clone, Debug)]
-pub struct InForce {
-    pub reference: Reference,
-    pub sha256: String,
-    pub version: FileVersion,
-}
-
-/// What changes when a file does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FileVersion {
-    pub modified: SystemTime,
-    bytes: u64,
-    /// A file that is renamed to this name within the clock's resolution is another one.
-    node: u64,
 }
 
 impl References {
@@ -43,7 +38,11 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn load(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
-        Self::load_or(folder, library, Err)
+        let references = Self::empty(folder);
+        for object in library.known() {
+            references.take_up(object, Err)?;
+        }
+        Ok(references)
     }
 
     /// As [`References::load`], but an object whose reference belongs to another network goes without one: one object
@@ -52,29 +51,58 @@ impl References {
     /// # Errors
     /// As [`References::load`], for other faults.
     pub fn load_usable(folder: &Path, library: &Library) -> Result<Self, ReferenceError> {
-        Self::load_or(folder, library, |error| {
-            let ReferenceError::OtherModel { object, stated, found, .. } = error else { return Err(error) };
-            Ok(format!(
-                "its reference belongs to another keypoint net (sha256 {stated}; the current one has {found}); make a new \
-                 one with `posed calibrate {object}`"
-            ))
-        })
+        let references = Self::empty(folder);
+        for object in library.known() {
+            references.take_up(object, usable)?;
+        }
+        Ok(references)
     }
 
-    fn load_or(
-        folder: &Path,
-        library: &Library,
-        unusable: impl Fn(ReferenceError) -> Result<String, ReferenceError>,
-    ) -> Result<Self, ReferenceError> {
-        let references = Self { folder: folder.into(), by_object: RwLock::default() };
-        for object in library.known() {
-            if references.path(object).exists()
-                && let Err(error) = references.reload(object)
-            {
-                references.put(object, Entry::Unusable(unusable(error)?));
+    /// Those of another library: what has not changed is as it is here, the rest as [`load_usable`](Self::load_usable) reads it.
+    ///
+    /// # Errors
+    /// As [`References::load_usable`].
+    pub fn renewed(&self, old: &Library, new: &Library) -> Result<Self, ReferenceError> {
+        let references = Self::empty(&self.folder);
+        for object in new.known() {
+            let name = &object.manifest.name;
+            let goes_on = old.object(name).is_some_and(|old| Arc::ptr_eq(old, object));
+            match self.entry(name).filter(|_| goes_on) {
+                Some(entry) => references.put(object, entry),
+                None if goes_on => {}
+                None => references.take_up(object, usable)?,
             }
         }
         Ok(references)
+    }
+
+    fn empty(folder: &Path) -> Self {
+        Self { folder: folder.into(), by_object: RwLock::default() }
+    }
+
+    fn take_up(
+        &self,
+        object: &ObjectModel,
+        unusable: impl Fn(ReferenceError) -> Result<String, ReferenceError>,
+    ) -> Result<(), ReferenceError> {
+        let file = FileVersion::of(&self.path(object)).ok();
+        let own = || match &object.reference {
+            Some(Ok(in_force)) => Some(State::InForce(Arc::clone(in_force))),
+            Some(Err(problem)) => Some(State::Unusable(problem.clone())),
+            None => None,
+        };
+        let read = file.map(|_| self.read_file(object));
+        let state = match read {
+            Some(Ok(in_force)) => Some(State::InForce(Arc::new(in_force))),
+            // One that was made for an earlier network, before this one came with its own.
+            Some(Err(ReferenceError::OtherModel { .. })) if matches!(object.reference, Some(Ok(_))) => own(),
+            Some(Err(error)) => Some(State::Unusable(unusable(error)?)),
+            None => own(),
+        };
+        if let Some(state) = state {
+            self.put(object, Entry { state, file });
+        }
+        Ok(())
     }
 
     /// Reads one object's reference, if it has one.
@@ -82,37 +110,34 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one.
     pub fn read(folder: &Path, object: &ObjectModel) -> Result<Option<Reference>, ReferenceError> {
-        let path = file_of(folder, &object.manifest.name);
-        let read = || Reference::read(&path, &object.manifest.name, &object.manifest.model_sha256);
-        path.exists().then(read).transpose()
+        let references = Self::empty(folder);
+        references.take_up(object, Err)?;
+        Ok(references.get(&object.manifest.name).map(|in_force| in_force.reference.clone()))
     }
 
     /// The reference of an object, if it is calibrated.
     #[must_use]
     pub fn get(&self, object: &str) -> Option<Arc<InForce>> {
-        // A map of whole references is valid whoever panicked beside it.
-        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
-            Entry::InForce(in_force) => Some(Arc::clone(in_force)),
-            Entry::Unusable(_) => None,
+        match self.entry(object)?.state {
+            State::InForce(in_force) => Some(in_force),
+            State::Unusable(_) => None,
         }
     }
 
     /// Why the reference of an object is not in force.
     #[must_use]
     pub fn problem(&self, object: &str) -> Option<String> {
-        match self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object)? {
-            Entry::InForce(_) => None,
-            Entry::Unusable(problem) => Some(problem.clone()),
+        match self.entry(object)?.state {
+            State::InForce(_) => None,
+            State::Unusable(problem) => Some(problem),
         }
     }
 
-    /// The file of an object's reference as it is now, where that is not the one in force: another process may have
-    /// replaced it.
+    /// Whether the file of an object's reference is another one than was looked at last: another process may have replaced it.
     #[must_use]
-    pub fn changed(&self, object: &ObjectModel) -> Option<FileVersion> {
-        let version = FileVersion::of(&self.path(object)).ok()?;
-        let in_force = self.get(&object.manifest.name);
-        in_force.is_none_or(|in_force| in_force.version != version).then_some(version)
+    pub fn has_changed(&self, object: &ObjectModel) -> bool {
+        let now = FileVersion::of(&self.path(object)).ok();
+        now.is_some() && now != self.entry(&object.manifest.name).and_then(|entry| entry.file)
     }
 
     /// Puts into force what an object's file says.
@@ -120,15 +145,30 @@ impl References {
     /// # Errors
     /// [`ReferenceError`] names the file, and the field where there is one; the old reference stays in force.
     pub fn reload(&self, object: &ObjectModel) -> Result<Arc<InForce>, ReferenceError> {
-        let path = self.path(object);
-        // Before the file is read: what is written meanwhile is noticed later.
-        let unreadable = |source| ManifestError::Read { path: path.clone(), source };
-        let version = FileVersion::of(&path).map_err(unreadable)?;
-        let bytes = read_bytes(&path, MAX_JSON_BYTES)?;
-        let reference = Reference::parse(&path, &bytes, &object.manifest.name, &object.manifest.model_sha256)?;
-        let in_force = Arc::new(InForce { reference, sha256: sha256_hex(&bytes), version });
-        self.put(object, Entry::InForce(Arc::clone(&in_force)));
-        Ok(in_force)
+        let file = FileVersion::of(&self.path(object)).ok();
+        match self.read_file(object) {
+            Ok(in_force) => {
+                let in_force = Arc::new(in_force);
+                self.put(object, Entry { state: State::InForce(Arc::clone(&in_force)), file });
+                Ok(in_force)
+            }
+            Err(error) => {
+                let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
+                match by_object.get_mut(&object.manifest.name) {
+                    Some(entry) => entry.file = file,
+                    None => {
+                        let state = State::Unusable(error.to_string());
+                        by_object.insert(object.manifest.name.clone(), Entry { state, file });
+                    }
+                }
+                Err(error)
+            }
+        }
+    }
+
+    fn read_file(&self, object: &ObjectModel) -> Result<InForce, ReferenceError> {
+        let manifest = &object.manifest;
+        InForce::read(&self.path(object), &manifest.name, &manifest.model_sha256, self.folder.clone())
     }
 
     /// Writes a reference with its images, then puts it into force. Readers of the folder see the old reference or the
@@ -190,10 +230,9 @@ impl References {
         written.map_err(|source| ReferenceError::Write { path: self.folder.clone(), source })
     }
 
-    /// Where the references lie.
-    #[must_use]
-    pub fn folder(&self) -> &Path {
-        &self.folder
+    fn entry(&self, object: &str) -> Option<Entry> {
+        // A map of whole entries is valid whoever panicked beside it.
+        self.by_object.read().unwrap_or_else(PoisonError::into_inner).get(object).cloned()
     }
 
     fn put(&self, object: &ObjectModel, entry: Entry) {
@@ -206,12 +245,15 @@ impl References {
     }
 }
 
-impl FileVersion {
-    fn of(path: &Path) -> std::io::Result<Self> {
-        use std::os::unix::fs::MetadataExt as _;
-        let metadata = fs::metadata(path)?;
-        Ok(Self { modified: metadata.modified()?, bytes: metadata.len(), node: metadata.ino() })
+impl fmt::Debug for References {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("References").field("folder", &self.folder).finish_non_exhaustive()
     }
+}
+
+/// A reference of another network disables its object.
+fn usable(error: ReferenceError) -> Result<String, ReferenceError> {
+    if matches!(error, ReferenceError::OtherModel { .. }) { Ok(error.of_another_net()) } else { Err(error) }
 }
 
 /// The file of an object's reference.

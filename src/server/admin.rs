@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, put};
 use axum::{Router, middleware};
 
-use super::service::{Access, Failure, FailureKind, Readiness, Scope};
+use super::service::{Access, Failure, FailureKind, Readiness, Scope, Service};
 use super::telemetry::LogControl;
 
 #[derive(Clone)]
@@ -45,7 +45,11 @@ async fn allow(State(admin): State<Admin>, request: Request, next: Next) -> Resp
 
 async fn ready(State(admin): State<Admin>) -> (StatusCode, String) {
     match admin.readiness.check() {
-        Ok(()) => (StatusCode::OK, "ready\n".into()),
+        Ok(()) => {
+            let notes = admin.readiness.service().map(Service::notes).unwrap_or_default();
+            let lines = std::iter::once("ready".to_owned()).chain(notes);
+            (StatusCode::OK, lines.map(|line| line + "\n").collect())
+        }
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, format!("{reason}\n")),
     }
 }

@@ -136,3 +136,54 @@ fn every_image_has_a_picture_of_its_own() {
     assert_eq!(made, ["cam.0001.png", "cam.0002.png"]);
     assert!(explanation(&draw("left/1.jpg", "right/1.jpg")).contains("different names"));
 }
+
+/// Boxes of a file in place of the detector's: for one image a list, for several a list each.
+#[test]
+fn estimate_takes_boxes_of_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("boxes.json");
+    let camera = "samples/demo.camera.json";
+    let all = samples();
+    let estimate =
+        |images: &[&str], more: &[&str]| run(&[&["estimate"], images, &["--camera", camera, "--json"], more].concat());
+    let with_boxes = |images: &[&str], boxes: &Value| {
+        fs::write(&file, boxes.to_string()).unwrap();
+        estimate(images, &["--boxes", file.to_str().unwrap()])
+    };
+    let image = all[0].file.to_str().unwrap();
+    let detected: Value = serde_json::from_slice(&estimate(&[image], &[]).stdout).unwrap();
+    let boxes: Vec<Value> = detected["poses"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|pose| serde_json::json!({"object": pose["object"], "box_px": pose["detection"]["box_px"]}))
+        .collect();
+    let answer: Value = serde_json::from_slice(&with_boxes(&[image], &boxes.clone().into()).stdout).unwrap();
+    assert_right(&all[0], &answer);
+    assert!(answer["poses"].as_array().unwrap().iter().all(|pose| pose["detection"]["given_box"].is_number()));
+
+    let second = all[1].file.to_str().unwrap();
+    let name = |file: &str| std::path::Path::new(file).file_name().unwrap().to_str().unwrap().to_owned();
+    let by_image = serde_json::json!({name(image): boxes, name(second): []});
+    let output = with_boxes(&[image, second], &by_image);
+    let lines: Vec<Value> = output
+        .stdout
+        .split(|byte| *byte == b'\n')
+        .filter(|line| !line.is_empty())
+        .map(|line| serde_json::from_slice(line).unwrap())
+        .collect();
+    let counts: Vec<_> = lines.iter().map(|answer| answer["poses"].as_array().unwrap().len()).collect();
+    assert_eq!(counts, [boxes.len(), 0]);
+    let one = |object: &str, box_px: Value| serde_json::json!([{"object": object, "box_px": box_px}]);
+    for (images, boxes, words) in [
+        (&[image][..], one("teapot", serde_json::json!([0, 0, 50, 50])), "unknown object \"teapot\""),
+        (&[image], one("cube", serde_json::json!([0, 0, 50])), "boxes.json"),
+        (&[image], one("cube", serde_json::json!([900, 0, 50, 50])), "boxes[0]"),
+        (&[image], serde_json::json!(3), "a list of boxes"),
+        (&[image, second], serde_json::json!(boxes), "a list for each file name"),
+        (&[image], serde_json::json!({"other.jpg": []}), "no entry \"sample-1.jpg\""),
+    ] {
+        let said = explanation(&with_boxes(images, &boxes));
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}

@@ -3,6 +3,7 @@
 
 mod access;
 mod admin;
+mod boxes;
 mod connections;
 mod counting;
 mod deadlines;

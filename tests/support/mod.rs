@@ -105,8 +105,16 @@ impl Server {
             }
         };
         let (admin, http, grpc) = (address("admin"), address("http"), address("grpc"));
-        let ready = lines.by_ref().map_while(Result::ok).find(|line| line.contains("ready after"));
-        assert!(ready.is_some(), "the server ended");
+        let mut is_ready = false;
+        for line in lines.by_ref().map_while(Result::ok) {
+            is_ready = line.contains("ready after");
+            seen.push_str(&line);
+            seen.push('\n');
+            if is_ready {
+                break;
+            }
+        }
+        assert!(is_ready, "the server ended: {seen}");
         // Someone must go on reading, or the server would block on a full pipe.
         let log = Arc::new(Mutex::new(seen));
         let of_reader = Arc::clone(&log);
@@ -120,7 +128,7 @@ impl Server {
         Self { child, log, http, grpc, admin }
     }
 
-    /// What it has logged so far, but for a few lines about its models.
+    /// What it has logged so far.
     pub fn log(&self) -> String {
         self.log.lock().unwrap().clone()
     }

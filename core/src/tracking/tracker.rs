@@ -91,6 +91,12 @@ impl Tracker {
         Ok(Self { options, shapes, tracks: Vec::new(), time_s: None, next_id: 1 })
     }
 
+    /// From now on objects have these shapes; those of which `changed` says so are others than before, and their tracks end.
+    pub fn reshape(&mut self, shapes: Vec<Shape>, changed: impl Fn(usize) -> bool) {
+        self.tracks.retain(|track| track.object < shapes.len() && !changed(track.object));
+        self.shapes = shapes;
+    }
+
     /// Whether a frame of this time (seconds, of any clock) can come next.
     ///
     /// # Errors

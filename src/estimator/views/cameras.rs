@@ -8,7 +8,6 @@ use super::fused::{FusedPose, PosedCamera};
 use crate::estimator::answer::Estimate;
 use crate::estimator::mistakes::{MISTAKES, Wrong};
 use crate::estimator::verdict::Reason;
-use crate::model::{Library, References};
 
 /// Poses of cameras that cannot be meant.
 #[derive(Debug, Error)]
@@ -25,8 +24,6 @@ pub struct CamerasError {
 /// # Errors
 /// [`CamerasError`] says what was meant.
 pub fn cameras_are_meant(
-    library: &Library,
-    references: &References,
     cameras: &[PosedCamera],
     estimates: &[&Estimate],
     fused: &[FusedPose],
@@ -35,7 +32,7 @@ pub fn cameras_are_meant(
         return Ok(());
     }
     let agree = |cameras: &[PosedCamera]| {
-        let fused = fuse(library, references, cameras, estimates);
+        let fused = fuse(cameras, estimates);
         fused.iter().any(|one| {
             let is_clear = one.verdict.status == Status::Ok && !one.verdict.reasons.contains(Reason::WeakBaseline);
             is_clear && used(one) > 1

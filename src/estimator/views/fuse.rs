@@ -1,5 +1,7 @@
 //! Which poses of which views belong together, and what becomes of each group.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 use posed_core::geometry::sigmas;
 use posed_core::pnp::Status;
@@ -8,25 +10,23 @@ use posed_core::views::{Sighting, ViewsOptions, associate};
 use super::fused::{FusedPose, PosedCamera};
 use super::instance::{Instance, Seen};
 use crate::estimator::answer::{Estimate, ObjectPose};
-use crate::model::{Library, ObjectModel, References};
+use crate::model::{Catalogue, ObjectModel};
 
 /// One pose of each object that several images show: `cameras` are those of `estimates`, in order. An object that one view
 /// shows is answered as that view has it. The most trusted poses come first. Objects whose reference went out of force
-/// meanwhile are missing.
+/// meanwhile are missing, as are poses of a model that has been replaced between two views.
 #[must_use]
-pub fn fuse(
-    library: &Library,
-    references: &References,
-    cameras: &[PosedCamera],
-    estimates: &[&Estimate],
-) -> Vec<FusedPose> {
+pub fn fuse(cameras: &[PosedCamera], estimates: &[&Estimate]) -> Vec<FusedPose> {
     let mut fused = Vec::new();
-    for (class, model) in library.objects.iter().enumerate() {
+    let catalogues = estimates.iter().map(|estimate| &estimate.catalogue);
+    let Some(newest) = catalogues.max_by_key(|catalogue| catalogue.library.generation()) else { return fused };
+    let Catalogue { library, references } = &**newest;
+    for (place, model) in library.objects.iter().enumerate() {
         let Some(model) = model else { continue };
         let Some(in_force) = references.get(&model.manifest.name) else { continue };
         let offset = &in_force.reference.offset;
         let instance = |seen: Vec<Seen<'_>>| Instance { model, offset, seen }.fused();
-        let all: Vec<Seen<'_>> = seen(class, cameras, estimates);
+        let all: Vec<Seen<'_>> = seen(place, model, cameras, estimates);
         let (placed, lost): (Vec<_>, Vec<_>) = all.into_iter().partition(|seen| is_sighting(seen.found));
         fused.extend(
             groups(model, &placed)
@@ -43,13 +43,21 @@ pub fn fuse(
     fused
 }
 
-/// All poses of one class.
-fn seen<'a>(class: usize, cameras: &'a [PosedCamera], estimates: &[&'a Estimate]) -> Vec<Seen<'a>> {
-    let views = cameras.iter().zip(estimates).enumerate();
+/// All poses of one object.
+fn seen<'a>(
+    object: usize,
+    model: &Arc<ObjectModel>,
+    cameras: &'a [PosedCamera],
+    estimates: &[&'a Estimate],
+) -> Vec<Seen<'a>> {
+    let has_model = |estimate: &Estimate| {
+        estimate.catalogue.library.objects.get(object).and_then(Option::as_ref).is_some_and(|o| Arc::ptr_eq(o, model))
+    };
+    let views = cameras.iter().zip(estimates).enumerate().filter(|(_, (_, estimate))| has_model(estimate));
     let of_view = |(view, (camera, estimate)): (usize, (&'a PosedCamera, &&'a Estimate))| {
         let estimate: &'a Estimate = estimate;
-        let of_class = estimate.poses.iter().enumerate().filter(move |(_, found)| found.detection.object == class);
-        of_class.map(move |(place, found)| Seen { view, place, found, camera, optics: &estimate.camera })
+        let of_object = estimate.poses.iter().enumerate().filter(move |(_, found)| found.detection.object == object);
+        of_object.map(move |(place, found)| Seen { view, place, found, camera, optics: &estimate.camera })
     };
     views.flat_map(of_view).collect()
 }

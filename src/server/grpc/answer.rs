@@ -18,7 +18,7 @@ pub(super) async fn estimate(
     let options = service.options(request(message)?)?;
     let answer =
         service.estimate(PoseWork { image, body, options: &options, guide: None, keep_image: false, deadline }).await?;
-    Ok(response(&answer, &options, &service.models))
+    Ok(response(&answer, &options, service.provider))
 }
 
 pub(super) async fn estimate_views(
@@ -32,7 +32,7 @@ pub(super) async fn estimate_views(
     let checked = service.views(request, images.len())?;
     let captured_at = checked.captured_at.clone();
     let answer = service.estimate_views(ViewsWork { images, body, checked, keep_images: false, deadline }).await?;
-    Ok(views_response(&answer, captured_at, &service.models))
+    Ok(views_response(&answer, captured_at, service.provider))
 }
 
 /// One frame of a stream that tracks.
@@ -57,5 +57,5 @@ pub(super) async fn estimate_tracked(
     let work = PoseWork { image, body, options: &options, guide, keep_image: false, deadline };
     let answer = service.estimate(work).await?;
     let tracks = stream.take(&next, &options, &answer.estimate)?;
-    Ok((response(&answer, &options, &service.models), tracking(&tracks, &options.frames)))
+    Ok((response(&answer, &options, service.provider), tracking(&tracks, &options.frames)))
 }

@@ -59,7 +59,7 @@ impl proto::pose_service_server::PoseService for Calls {
         &self,
         _: Request<proto::ListObjectsRequest>,
     ) -> Result<Response<proto::ListObjectsResponse>, Status> {
-        let objects = self.service.objects().map(|object| known_object(&object)).collect();
+        let objects = self.service.objects().iter().map(known_object).collect();
         Ok(Response::new(proto::ListObjectsResponse { objects }))
     }
 }

@@ -14,7 +14,7 @@ use crate::server::service::{Failure, Service};
 /// Returns all known objects, calibrated or not.
 #[utoipa::path(get, path = "/v1/objects", tag = "info", responses((status = 200, body = Vec<ObjectReport>)))]
 pub(super) async fn objects(State(service): State<Arc<Service>>) -> Json<Vec<ObjectReport>> {
-    Json(service.objects().map(Into::into).collect())
+    Json(service.objects().into_iter().map(Into::into).collect())
 }
 
 /// Returns one known object.
@@ -47,11 +47,11 @@ pub(super) async fn rigs(State(service): State<Arc<Service>>) -> Json<BTreeMap<S
 /// Returns the limits of the server, and the memory bound that follows from them.
 #[utoipa::path(get, path = "/v1/limits", tag = "info", responses((status = 200, body = LimitsReport)))]
 pub(super) async fn limits(State(service): State<Arc<Service>>) -> Json<LimitsReport> {
-    Json((&service.limits).into())
+    Json(LimitsReport::new(&service.limits, &service.memory.bound()))
 }
 
 /// Returns the state of the server: queue, rate, latency, outcomes, models, memory.
 #[utoipa::path(get, path = "/v1/status", tag = "info", responses((status = 200, body = StatusReport)))]
 pub(super) async fn status(State(service): State<Arc<Service>>) -> Json<StatusReport> {
-    Json(StatusReport::new(service.status(), &service.limits, &service.models))
+    Json(StatusReport::new(service.status(), &service.limits, service.provider))
 }

@@ -111,5 +111,5 @@ pub(super) fn image(bytes: Bytes, raw: Option<RawLayout>) -> Result<Image, Failu
 
 pub(super) fn report(service: &Service, answer: &Answer, options: &Options) -> Report {
     let captured_at = options.captured_at.as_deref();
-    Report::new(answer, &ReportContext { models: &service.models, frames: &options.frames, captured_at })
+    Report::new(answer, &ReportContext { provider: service.provider, frames: &options.frames, captured_at })
 }

@@ -6,7 +6,7 @@ use utoipa::IntoParams;
 
 use crate::estimator::CallerFrames;
 use crate::server::api::json::RawForm;
-use crate::server::service::{CameraChoice, Failure, PoseRequest};
+use crate::server::service::{CameraChoice, Failure, PoseRequest, RequestedBox};
 use crate::vision::RawLayout;
 
 /// Options of a request whose body is an image.
@@ -26,6 +26,10 @@ pub(super) struct EstimateQuery {
     cy: Option<f64>,
     /// Names of the objects to look for, separated by commas. Omit this to look for all calibrated objects.
     objects: Option<String>,
+    /// Where the objects are, from a detector of your own, which then replaces the server's: `OBJECT:X,Y,WIDTH,HEIGHT` in
+    /// pixels, separated by semicolons.
+    #[param(example = "cube:310,120,90,80;motor:20.5,200,130,110")]
+    boxes: Option<String>,
     /// Maximum number of poses of each object. Omit this for no maximum.
     max_instances: Option<usize>,
     /// Minimum confidence, 0..1. The answer omits poses below it.
@@ -71,6 +75,7 @@ impl EstimateQuery {
             max_instances: self.max_instances,
             min_confidence: self.min_confidence,
             allow_resize: self.allow_resize,
+            boxes: self.boxes.as_deref().map(boxes).transpose()?,
             frames: CallerFrames::default(),
             captured_at: self.captured_at,
         };
@@ -92,4 +97,20 @@ impl EstimateQuery {
             )),
         }
     }
+}
+
+/// Boxes as a query has them.
+fn boxes(text: &str) -> Result<Vec<RequestedBox>, Failure> {
+    let one = |text: &str| {
+        let (object, numbers) = text.split_once(':')?;
+        let numbers: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().ok()).collect::<Option<_>>()?;
+        Some(RequestedBox { object: object.trim().to_owned(), box_px: numbers.try_into().ok()? })
+    };
+    let wrong = |text: &str| {
+        Failure::invalid(format!(
+            "field 'boxes' has {text:?}; give OBJECT:X,Y,WIDTH,HEIGHT in pixels, separated by ';'"
+        ))
+    };
+    let parts = text.split(';').map(str::trim).filter(|part| !part.is_empty());
+    parts.map(|part| one(part).ok_or_else(|| wrong(part))).collect()
 }

@@ -71,7 +71,7 @@ pub(super) async fn views(State(service): State<Arc<Service>>, request: Request)
     if let Some(format) = picture {
         return draw(answer, format).await;
     }
-    let report = ViewsReport::new(&answer.views, &answer.fused, &service.models, captured_at.as_deref());
+    let report = ViewsReport::new(&answer.views, &answer.fused, service.provider, captured_at.as_deref());
     Ok(Json(report).into_response())
 }
 

@@ -2,6 +2,7 @@
 
 use super::cameras::Cameras;
 use crate::estimator::{CalibrateError, EstimateError, MeasureError, QueueError, Refusal};
+use crate::model::Library;
 use crate::vision::DecodeError;
 use posed_core::calibration::ClickError;
 use posed_core::geometry::CameraError;
@@ -91,6 +92,12 @@ impl Failure {
 }
 
 impl Failure {
+    pub(super) fn unknown_object(name: &str, library: &Library) -> Self {
+        let known: Vec<&str> = library.known().map(|object| object.manifest.name.as_str()).collect();
+        let message = format!("unknown object {name:?}; known objects: {}", known.join(", "));
+        Self::new(FailureKind::UnknownObject, message)
+    }
+
     pub(crate) fn unknown_rig(id: &str, cameras: &Cameras) -> Self {
         let known = cameras.rigs().map(|(id, _)| id).collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none".to_owned() } else { known };
@@ -127,6 +134,7 @@ impl From<QueueError> for Failure {
                 MeasureError::Solve(_)
                 | MeasureError::BoxOutside(_)
                 | MeasureError::NotSeen
+                | MeasureError::NoLabel
                 | MeasureError::SeveralSeen
                 | MeasureError::FewInliers { .. }
                 | MeasureError::Doubtful { .. } => FailureKind::Unmeasurable,
@@ -169,7 +177,9 @@ fn of_decode(error: &DecodeError) -> FailureKind {
 
 fn of_estimate(error: &EstimateError) -> FailureKind {
     match error {
-        EstimateError::Camera(_) | EstimateError::OtherSize(_) => FailureKind::InvalidRequest,
+        EstimateError::Camera(_) | EstimateError::OtherSize(_) | EstimateError::BoxOutside { .. } => {
+            FailureKind::InvalidRequest
+        }
         EstimateError::Abandoned(_) => FailureKind::TimedOut,
         EstimateError::Runtime(_) | EstimateError::Resample(_) => FailureKind::Internal,
     }

@@ -1,5 +1,6 @@
 //! What requests are held to, and the memory that follows from it.
 
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::memory::resident_bytes;
@@ -34,8 +35,11 @@ pub(crate) struct Limits {
     pub exif_orientation: OrientationPolicy,
     /// Whether references may be replaced.
     pub recalibration: bool,
-    pub memory: MemoryBound,
 }
+
+/// The bound of memory that is in force. Clones are one.
+#[derive(Clone, Debug)]
+pub(crate) struct Memory(Arc<RwLock<MemoryBound>>);
 
 /// What the process takes at most, whatever its clients do: what it takes once it is warm, and all that they can add.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +58,11 @@ pub(crate) struct MemoryBound {
 
 impl MemoryBound {
     pub(crate) fn total_bytes(&self) -> u64 {
-        self.warm_bytes + self.bodies_bytes + self.pixels_bytes + self.workers_bytes + self.connections_bytes
+        self.warm_bytes
+            + self.bodies_bytes
+            + self.pixels_bytes
+            + self.workers_bytes
+            + self.connections_bytes
     }
 }
 
@@ -70,14 +78,7 @@ impl Limits {
         self.queue - self.queue / SINGLE_SHARE
     }
 
-    pub(super) fn new(config: &Config, workers_bytes: u64, connections: Connections) -> Self {
-        let memory = MemoryBound {
-            warm_bytes: resident_bytes(),
-            bodies_bytes: BODY_COPIES * config.queue_bytes as u64,
-            pixels_bytes: config.pixel_bytes as u64,
-            workers_bytes,
-            connections_bytes: connections.bytes,
-        };
+    pub(super) fn new(config: &Config) -> Self {
         Self {
             max_body_bytes: config.max_body_bytes,
             max_side_px: config.max_side_px,
@@ -92,7 +93,23 @@ impl Limits {
             body_timeout: Duration::from_millis(config.body_timeout_ms),
             exif_orientation: config.exif_orientation,
             recalibration: config.recalibration,
-            memory,
         }
+    }
+}
+
+impl Memory {
+    /// To be asked once the workers are warm.
+    pub(super) fn new(config: &Config, workers_bytes: u64, connections: Connections) -> Self {
+        Self(Arc::new(RwLock::new(MemoryBound {
+            warm_bytes: resident_bytes(),
+            bodies_bytes: BODY_COPIES * config.queue_bytes as u64,
+            pixels_bytes: config.pixel_bytes as u64,
+            workers_bytes,
+            connections_bytes: connections.bytes,
+        })))
+    }
+
+    pub(crate) fn bound(&self) -> MemoryBound {
+        *self.0.read().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -7,14 +7,14 @@ use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeLabelSet, EncodeMetric, text};
 use prometheus_client::metrics::counter::{ConstCounter, Counter};
 use prometheus_client::metrics::family::Family;
-use prometheus_client::metrics::gauge::ConstGauge;
+use prometheus_client::metrics::gauge::{ConstGauge, Gauge};
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::limits::Limits;
+use super::limits::Memory;
 use super::memory::resident_bytes;
 use crate::estimator::{Answer, Queue};
-use crate::model::ModelsInUse;
+use crate::model::{Library, Provider};
 
 #[derive(Clone, Debug, EncodeLabelSet, Hash, PartialEq, Eq)]
 struct RequestLabels {
@@ -62,10 +62,11 @@ pub(crate) struct Metrics {
     objects: Family<ObjectLabels, Counter>,
     reprojection: Histogram,
     batch_size: Histogram,
+    models: Family<ModelLabels, Gauge>,
 }
 
 impl Metrics {
-    pub(crate) fn new(queue: Queue, models: &ModelsInUse, limits: &Limits) -> Self {
+    pub(crate) fn new(queue: Queue, memory: Memory) -> Self {
         let seconds: fn() -> Histogram = || Histogram::new(SECONDS);
         let mut metrics = Self {
             registry: Registry::with_prefix("posed"),
@@ -75,6 +76,7 @@ impl Metrics {
             objects: Family::default(),
             reprojection: Histogram::new(PIXELS),
             batch_size: Histogram::new(IMAGES),
+            models: Family::default(),
         };
         let registry = &mut metrics.registry;
         registry.register("requests", "Answered requests", metrics.requests.clone());
@@ -95,9 +97,21 @@ impl Metrics {
             "Number of images processed together, counted for each image",
             metrics.batch_size.clone(),
         );
-        registry.register("model_info", "Networks in use", model_info(models));
-        registry.register_collector(Box::new(QueueCollector { queue, memory_bound: limits.memory.total_bytes() }));
+        registry.register("model_info", "Networks in use", metrics.models.clone());
+        registry.register_collector(Box::new(QueueCollector { queue, memory }));
         metrics
+    }
+
+    /// From now on these networks are in use.
+    pub(super) fn models(&self, library: &Library, provider: Provider) {
+        self.models.clear();
+        let shared =
+            library.shared_detector().map(|model| ("detector".to_owned(), model.manifest.model_sha256.clone()));
+        let own = library.own_detectors().into_iter().map(|(owner, sha256)| (format!("{owner}/detector"), sha256));
+        for (model, sha256) in library.keypoint_nets().into_iter().chain(shared).chain(own) {
+            let labels = ModelLabels { model, sha256, provider: provider.to_string() };
+            self.models.get_or_create(&labels).set(1);
+        }
     }
 
     pub(crate) fn request(&self, protocol: &'static str, route: &str, outcome: &'static str, duration: Duration) {
@@ -135,22 +149,11 @@ impl Metrics {
     }
 }
 
-fn model_info(models: &ModelsInUse) -> Family<ModelLabels, prometheus_client::metrics::gauge::Gauge> {
-    let info = Family::default();
-    let all = models.keypoints.iter().map(|(name, sha256)| (name.clone(), sha256.clone()));
-    for (model, sha256) in all.chain([("detector".to_owned(), models.detector.clone())]) {
-        let labels = ModelLabels { model, sha256, provider: models.provider.to_string() };
-        let gauge: &prometheus_client::metrics::gauge::Gauge = &info.get_or_create(&labels);
-        gauge.set(1);
-    }
-    info
-}
-
 /// Reads the queue's own counters when somebody asks.
 #[derive(Debug)]
 struct QueueCollector {
     queue: Queue,
-    memory_bound: u64,
+    memory: Memory,
 }
 
 #[derive(Clone, Debug, EncodeLabelSet, Hash, PartialEq, Eq)]
@@ -190,6 +193,6 @@ impl Collector for QueueCollector {
         gauge("body_bytes", "Size of all request bodies that the server holds", signed(admission.bytes()))?;
         gauge("ready_workers", "Workers that can take a batch", signed(stats.ready_workers.load(Ordering::Relaxed)))?;
         gauge("resident_memory_bytes", "Resident memory of the process", long(resident_bytes()))?;
-        gauge("memory_bound_bytes", "Upper bound of resident memory", long(self.memory_bound))
+        gauge("memory_bound_bytes", "Upper bound of resident memory", long(self.memory.bound().total_bytes()))
     }
 }

@@ -1,6 +1,7 @@
 //! What the server can do, for every front end: HTTP and gRPC translate, call this, and translate back.
 
 mod access;
+mod boxes;
 mod cameras;
 mod estimate;
 mod failure;
@@ -20,6 +21,7 @@ mod views;
 mod watch;
 
 pub(crate) use access::{Access, AccessError, Scope};
+pub(crate) use boxes::RequestedBox;
 pub(crate) use estimate::PoseWork;
 pub(crate) use failure::{Failure, FailureKind};
 pub(crate) use limits::{Connections, Limits, MAX_JSON_BYTES, MemoryBound};

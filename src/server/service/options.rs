@@ -2,9 +2,11 @@
 
 use posed_core::geometry::{Camera, Pose, PoseError};
 
+use super::boxes::RequestedBox;
 use super::failure::{Failure, FailureKind};
 use super::state::Service;
 use crate::estimator::{CallerFrames, Selection};
+use crate::model::Catalogue;
 
 const MAX_MARK_CHARS: usize = 64;
 /// Names in one request; their copies wait with the image.
@@ -26,6 +28,8 @@ pub(crate) struct PoseRequest {
     pub max_instances: Option<usize>,
     pub min_confidence: Option<f64>,
     pub allow_resize: bool,
+    /// In place of what detectors see.
+    pub boxes: Option<Vec<RequestedBox>>,
     pub frames: CallerFrames,
     /// The caller's own mark of the image.
     pub captured_at: Option<String>,
@@ -41,6 +45,12 @@ pub(crate) struct Options {
 }
 
 impl PoseRequest {
+    /// How many objects and boxes a request may have: to be asked before it is copied.
+    pub(crate) fn check_counts(&self) -> Result<(), Failure> {
+        RequestedBox::check_count(self.boxes.as_deref())?;
+        Self::check_names(self.objects.as_deref())
+    }
+
     /// How many objects a request may name.
     pub(crate) fn check_names(objects: Option<&[String]>) -> Result<(), Failure> {
         match objects {
@@ -58,19 +68,20 @@ impl PoseRequest {
 impl Service {
     /// Checks a request against what there is.
     pub(crate) fn options(&self, request: PoseRequest) -> Result<Options, Failure> {
-        let PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, frames, captured_at } = request;
+        request.check_counts()?;
+        let PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, boxes, frames, captured_at } =
+            request;
         let no_camera = || Failure::invalid("no camera; set the id of a registered camera, or its parameters");
         let camera = self.camera(camera.ok_or_else(no_camera)?)?;
-        PoseRequest::check_names(objects.as_deref())?;
-        for name in objects.iter().flatten() {
-            self.model(name)?;
-            if !self.is_calibrated(name) {
-                let problem = self.references.problem(name);
-                let problem = problem.unwrap_or_else(|| format!("calibrate it with `posed calibrate {name}`"));
-                let message = format!("object {name:?} is not calibrated; {problem}");
-                return Err(Failure::new(FailureKind::NotCalibrated, message));
-            }
+        if objects.is_some() && boxes.is_some() {
+            return Err(Failure::invalid("set either 'objects' or 'boxes', not both: boxes name their objects"));
         }
+        let catalogue = self.catalogue();
+        for name in objects.iter().flatten().chain(boxes.iter().flatten().map(|one| &one.object)) {
+            check_calibrated(&catalogue, name)?;
+        }
+        let boxes = boxes.map(|boxes| boxes.into_iter().enumerate().map(|(place, one)| one.checked(place)).collect());
+        let boxes = boxes.transpose()?;
         if max_instances == Some(0) {
             return Err(Failure::invalid("field 'max_instances' is 0; set it to at least 1, or omit it"));
         }
@@ -83,7 +94,7 @@ impl Service {
             let message = format!("field 'captured_at' exceeds the limit of {MAX_MARK_CHARS} characters");
             return Err(Failure::invalid(message));
         }
-        let selection = Selection { objects, max_instances, min_confidence, allow_resize };
+        let selection = Selection { objects, max_instances, min_confidence, allow_resize, boxes };
         Ok(Options { camera, selection, frames, captured_at })
     }
 
@@ -95,6 +106,18 @@ impl Service {
             }
         }
     }
+}
+
+/// Whether poses of an object can be asked for.
+fn check_calibrated(catalogue: &Catalogue, name: &str) -> Result<(), Failure> {
+    let Catalogue { library, references } = catalogue;
+    library.object(name).ok_or_else(|| Failure::unknown_object(name, library))?;
+    if references.get(name).is_some() {
+        return Ok(());
+    }
+    let problem = references.problem(name);
+    let problem = problem.unwrap_or_else(|| format!("calibrate it with `posed calibrate {name}`"));
+    Err(Failure::new(FailureKind::NotCalibrated, format!("object {name:?} is not calibrated; {problem}")))
 }
 
 impl Failure {

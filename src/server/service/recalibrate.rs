@@ -14,7 +14,7 @@ use crate::estimator::{
     Abandoned, BodyLease, CalibrateError, CalibrateOptions, MeasuredView, QueueError, ReferenceWork, calibrate,
     no_view_twice,
 };
-use crate::model::{InForce, References};
+use crate::model::{Catalogue, InForce, References};
 use crate::vision::{BoundingBox, Image};
 
 /// What is known of one reference image.
@@ -68,7 +68,8 @@ impl Service {
     pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<Arc<InForce>, Failure> {
         let Recalibration { object, views, options, body, deadline } = asked;
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
-        self.model(&object)?;
+        // What is measured with another one is not taken for it below.
+        let model = self.model(&object)?;
         let stated =
             views.iter().enumerate().map(|(index, view)| Ok((format!("image {index}"), self.known_pose(view)?)));
         let stated = stated.collect::<Result<Vec<_>, Failure>>()?;
@@ -103,21 +104,26 @@ impl Service {
             });
             files.push((file, view.image.to_vec()));
         }
-        let reference = calibrate(self.model(&object)?, measured, options)?;
-        let (references, library, name) = (Arc::clone(&self.references), Arc::clone(&self.library), object.clone());
+        let reference = calibrate(&model, measured, options)?;
+        // No change of objects may come between, or the new ones would not know of it.
+        let no_change = Arc::clone(&self.changing).lock_owned().await;
+        let Catalogue { library, references } = (*self.catalogue()).clone();
+        if library.object(&object).is_none_or(|now| !Arc::ptr_eq(now, &model)) {
+            let message = format!("object {object:?} was replaced meanwhile; measure its reference again");
+            return Err(Failure::new(FailureKind::UnknownObject, message));
+        }
         let write = move || {
             // The turn ends when the files are written, even if the caller is gone by then.
-            let _turn = turn;
-            library.object(&name).map(|model| references.replace(model, &reference, &files))
+            let _turns = (turn, no_change);
+            references.replace(&model, &reference, &files)
         };
         let written = tokio::task::spawn_blocking(write).await;
         let failed = |error: String| {
             tracing::error!(error, "a reference could not be written");
             Failure::new(FailureKind::Internal, format!("{error}; the old reference remains in use"))
         };
-        let written = written.map_err(|error| failed(error.to_string()))?.transpose();
+        let written = written.map_err(|error| failed(error.to_string()))?;
         let in_force = written.map_err(|error| failed(error.to_string()))?;
-        let in_force = in_force.ok_or_else(|| Failure::new(FailureKind::UnknownObject, "the object is gone"))?;
         tracing::info!("{object} has a new reference (sha256 {})", in_force.sha256);
         Ok(in_force)
     }

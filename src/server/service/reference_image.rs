@@ -27,7 +27,7 @@ impl Service {
         // A reference file that was tampered with must not lead out of its folder.
         let is_name = |name: &str| Path::new(name).file_name().is_some_and(|file| file == name);
         let known = reference.reference.views.iter().any(|view| view.image == image && is_name(image));
-        let path = known.then(|| self.references.folder().join(image)).ok_or_else(gone)?;
+        let path = known.then(|| reference.images.join(image)).ok_or_else(gone)?;
         let read = tokio::task::spawn_blocking({
             let bytes = path.metadata().map_err(|_| gone())?.len();
             let size = usize::try_from(bytes).unwrap_or(usize::MAX);

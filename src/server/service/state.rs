@@ -1,4 +1,4 @@
-//! Everything that is loaded once and serves until the end.
+//! What serves until the end, and what is served now.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,22 +8,24 @@ use thiserror::Error;
 
 use super::access::Access;
 use super::cameras::{CameraFolderError, Cameras};
-use super::limits::{Connections, Limits};
+use super::limits::{Connections, Limits, Memory};
 use super::metrics::Metrics;
 use super::recent::Recent;
 use super::watch;
 use crate::estimator::{Estimator, Queue, StartError};
-use crate::model::{Backend as _, Library, LoadError, ModelsInUse, References, Runtime};
+use crate::model::{Backend as _, Catalogue, Current, Library, LoadError, Provider, References, Runtime};
 use crate::server::settings::Config;
 
 /// The loaded models with the queue before them, and what is counted of it.
 pub(crate) struct Service {
     pub(super) queue: Queue,
-    pub(super) library: Arc<Library>,
-    pub(super) references: Arc<References>,
+    pub(super) current: Arc<Current>,
+    /// Held by whoever changes what is served.
+    pub(super) changing: Arc<tokio::sync::Mutex<()>>,
     pub(super) cameras: Cameras,
-    pub(crate) models: ModelsInUse,
+    pub(crate) provider: Provider,
     pub(crate) limits: Limits,
+    pub(crate) memory: Memory,
     pub(crate) metrics: Metrics,
     pub(crate) access: Access,
     pub(super) recent: Recent,
@@ -68,25 +70,28 @@ impl Service {
         if config.recalibration {
             references.check_writable().map_err(LoadError::from)?;
         }
-        watch::references(&references, &library);
         tell_what_is_served(&library, &references, config);
         let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
-        let models = ModelsInUse::new(&library, runtime.provider());
+        let provider = runtime.provider();
         let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers as u64;
-        let (of_workers, references_of_workers) = (Arc::clone(&library), Arc::clone(&references));
-        let make = move || Estimator::new(Arc::clone(&of_workers), Arc::clone(&references_of_workers), &runtime);
-        let queue = Queue::start(config.queue(), make)?;
-        let limits = Limits::new(config, working_bytes, connections);
-        let metrics = Metrics::new(queue.clone(), &models, &limits);
+        let current = Arc::new(Current::new(Arc::new(Catalogue { library, references })));
+        watch::references(&current);
+        let of_workers = Arc::clone(&current);
+        let queue = Queue::start(config.queue(), move || Estimator::of(of_workers.get(), &runtime))?;
+        let limits = Limits::new(config);
+        let memory = Memory::new(config, working_bytes, connections);
+        let metrics = Metrics::new(queue.clone(), memory.clone());
+        metrics.models(&current.get().library, provider);
         let recalibration = config.recalibration.then(Arc::default);
         let (recent, batch_turns) = (Recent::default(), tokio::sync::Semaphore::new(limits.batch_places()));
         Ok(Self {
             queue,
-            library,
-            references,
+            current,
+            changing: Arc::default(),
             cameras,
-            models,
+            provider,
             limits,
+            memory,
             metrics,
             access,
             recent,
@@ -104,11 +109,18 @@ impl Service {
         if self.queue.stats().ready_workers.load(Ordering::Relaxed) == 0 {
             return Err("all workers have failed or hang; see the log");
         }
-        let mut objects = self.library.known();
-        if !objects.any(|object| self.is_calibrated(&object.manifest.name)) && self.recalibration.is_none() {
+        let Catalogue { library, references } = &*self.catalogue();
+        let mut objects = library.known();
+        let may_come = self.recalibration.is_some();
+        if !objects.any(|object| references.get(&object.manifest.name).is_some()) && !may_come {
             return Err("no object is calibrated; run `posed calibrate`");
         }
         Ok(())
+    }
+
+    /// All that is served now.
+    pub(super) fn catalogue(&self) -> Arc<Catalogue> {
+        self.current.get()
     }
 
     /// From now on it is not ready.
@@ -116,13 +128,9 @@ impl Service {
         self.draining.store(true, Ordering::Relaxed);
     }
 
-    pub(super) fn is_calibrated(&self, object: &str) -> bool {
-        self.references.get(object).is_some()
-    }
-
     /// What the process stays under, in the log.
     pub(crate) fn tell_bound(&self) {
-        let memory = self.limits.memory;
+        let memory = self.memory.bound();
         let mebibytes = |bytes: u64| bytes >> 20;
         let (bound, warm) = (mebibytes(memory.total_bytes()), mebibytes(memory.warm_bytes));
         tracing::info!("memory bound: {bound} MiB, of which {warm} MiB are in use now; see /v1/limits for its parts");
@@ -141,6 +149,9 @@ impl Service {
 fn tell_what_is_served(library: &Library, references: &References, config: &Config) {
     for name in library.without_model() {
         tracing::warn!("object {name} is not available: it has no model folder");
+    }
+    for name in library.without_detector() {
+        tracing::warn!("object {name} is not in the detector's labels: requests must send its box ('boxes')");
     }
     let is_calibrated = |name: &&str| references.get(name).is_some();
     let (calibrated, uncalibrated): (Vec<&str>, Vec<&str>) =

@@ -1,10 +1,12 @@
 //! How the server is doing, for people and pages; `/metrics` is for scrapers.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::memory::resident_bytes;
 use super::recent::LastMinute;
 use super::state::Service;
+use crate::model::Library;
 
 /// One moment of a server.
 #[derive(Clone, Debug)]
@@ -17,6 +19,8 @@ pub(crate) struct StatusSnapshot {
     pub worker_restarts: u64,
     pub last_minute: LastMinute,
     pub resident_bytes: u64,
+    pub bound_bytes: u64,
+    pub library: Arc<Library>,
 }
 
 impl Service {
@@ -30,6 +34,8 @@ impl Service {
             worker_restarts: stats.worker_restarts.load(Ordering::Relaxed),
             last_minute: self.recent.last_minute(),
             resident_bytes: resident_bytes(),
+            bound_bytes: self.memory.bound().total_bytes(),
+            library: Arc::clone(&self.catalogue().library),
         }
     }
 }

@@ -54,7 +54,7 @@ impl Service {
                 "field 'detect_every' is {every}; it must be between {least} and {most}, or 0 for the default"
             )));
         }
-        let follower = Follower::new(Arc::clone(&self.library), options);
+        let follower = Follower::new(Arc::clone(&self.catalogue().library), options);
         let follower = follower.map_err(|error| Failure::invalid(format!("field {error}, or 0 for the default")))?;
         Ok(TrackedStream { follower, began: Instant::now(), first: None })
     }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use posed_core::geometry::{Covariance6, Pose, is_covariance};
 use tokio::task::JoinSet;
 
+use super::boxes::RequestedBox;
 use super::estimate::PoseWork;
 use super::failure::{Failure, FailureKind};
 use super::options::{CameraChoice, Options, PoseRequest};
@@ -33,6 +34,8 @@ pub(crate) struct ViewCamera {
     pub camera: CameraChoice,
     pub world_from_camera: Pose,
     pub covariance: Option<Covariance6>,
+    /// Of this image, in place of what detectors see.
+    pub boxes: Option<Vec<RequestedBox>>,
 }
 
 /// A request as it came, translated.
@@ -98,13 +101,13 @@ impl Service {
         check_places(&cameras)?;
         let captured_at = common.captured_at.clone();
         let checked = |(view, camera): (usize, ViewCamera)| {
-            let ViewCamera { camera, world_from_camera, covariance } = camera;
+            let ViewCamera { camera, world_from_camera, covariance, boxes } = camera;
             if covariance.as_ref().is_some_and(|covariance| !is_covariance(covariance)) {
                 let message = "field 'covariance' is not a covariance: it must be finite, symmetric and without negative \
                                eigenvalues";
                 return Err(Failure::invalid(message).of_view(view));
             }
-            let request = PoseRequest { camera: Some(camera), ..common.clone() };
+            let request = PoseRequest { camera: Some(camera), boxes, ..common.clone() };
             let options = self.options(request).map_err(|failure| failure.of_view(view))?;
             Ok((options, PosedCamera { world_from_camera, covariance }))
         };
@@ -121,6 +124,7 @@ impl Service {
         let in_world = |camera: &crate::model::RigCamera| ViewCamera {
             camera: CameraChoice::Given(camera.camera.clone()),
             world_from_camera: world_from_rig * camera.rig_from_camera,
+            boxes: None,
             covariance: camera
                 .covariance
                 .map(|covariance| posed_core::geometry::rotated_covariance(world_from_rig.rotation(), &covariance)),
@@ -148,12 +152,11 @@ impl Service {
         }
         all.sort_by_key(|(view, _)| *view);
         let (views, pictures): (Vec<Answer>, Vec<_>) = all.into_iter().map(|(_, answer)| answer).unzip();
-        let (library, references) = (Arc::clone(&self.library), Arc::clone(&self.references));
         // A hostile request makes it work for tens of milliseconds.
         let fused = tokio::task::spawn_blocking(move || {
             let estimates: Vec<&Estimate> = views.iter().map(|answer| &answer.estimate).collect();
-            let fused = fuse(&library, &references, &cameras, &estimates);
-            cameras_are_meant(&library, &references, &cameras, &estimates, &fused)?;
+            let fused = fuse(&cameras, &estimates);
+            cameras_are_meant(&cameras, &estimates, &fused)?;
             Ok::<_, CamerasError>((views, fused))
         });
         let fused = fused.await.map_err(|error| lost(&error))?;

@@ -1,36 +1,27 @@
 //! References that another process replaces: `posed calibrate`, or a second server on the same folder.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::model::{Library, References};
+use crate::model::Current;
 
 /// A look at a few files' times costs nothing.
 const PERIOD: Duration = Duration::from_secs(2);
 
-/// Keeps looking, until the references are gone. A file that cannot be used is told of once; the old reference stays in
+/// Keeps looking, until the objects are gone. A file that cannot be used is told of once; the old reference stays in
 /// force, as it does where a file vanishes.
-pub(super) fn references(references: &Arc<References>, library: &Arc<Library>) {
-    let (references, library) = (Arc::downgrade(references), Arc::downgrade(library));
-    let mut refused = BTreeMap::new();
+pub(super) fn references(current: &Arc<Current>) {
+    let current = Arc::downgrade(current);
     let look = move || {
-        while let (Some(references), Some(library)) = (references.upgrade(), library.upgrade()) {
-            for object in library.known() {
+        while let Some(catalogue) = current.upgrade().map(|current| current.get()) {
+            for object in catalogue.library.known().filter(|object| catalogue.references.has_changed(object)) {
                 let name = &object.manifest.name;
-                let Some(version) = references.changed(object) else { continue };
-                if refused.get(name) == Some(&version) {
-                    continue;
-                }
-                match references.reload(object) {
+                match catalogue.references.reload(object) {
                     Ok(new) => tracing::info!("{name} has a new reference (sha256 {})", new.sha256),
-                    Err(error) => {
-                        tracing::error!("{error}; the old reference remains in use");
-                        refused.insert(name.clone(), version);
-                    }
+                    Err(error) => tracing::error!("{error}; the old reference remains in use"),
                 }
             }
-            drop((references, library));
+            drop(catalogue);
             std::thread::sleep(PERIOD);
         }
     };

@@ -17,7 +17,7 @@ use super::pool::in_parallel;
 use super::shots::{Shot, Shots};
 use crate::estimator::{Estimate, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
-use crate::model::{Library, References};
+use crate::model::Library;
 use crate::vision::{DecodeOptions, read_image};
 use posed_core::geometry::Covariance6;
 use instances::Instance;
@@ -64,7 +64,7 @@ impl SeveralViews<'_> {
         })?;
         let answered = problems.taken_from(results);
         problems.settle(work)?;
-        let study = Study { library: &library, references: &references, answered: &answered };
+        let study = Study { library: &library, answered: &answered };
         let mut rows = Vec::new();
         for count in &splits.views {
             let mut all = Vec::new();
@@ -89,7 +89,6 @@ impl SeveralViews<'_> {
 /// All images, answered, from which subsets are drawn.
 struct Study<'a> {
     library: &'a Library,
-    references: &'a References,
     answered: &'a [Answered],
 }
 
@@ -121,7 +120,7 @@ impl Study<'_> {
                 };
                 let cameras: Vec<PosedCamera> = chosen.iter().map(camera).collect();
                 let estimates: Vec<&Estimate> = estimates.iter().collect();
-                let fused = fuse(self.library, self.references, &cameras, &estimates);
+                let fused = fuse(&cameras, &estimates);
                 outcomes.push(Outcome::of(model, points, &instance.world_from_object, &cameras, &fused, &wrong));
             }
         }
@@ -130,6 +129,5 @@ impl Study<'_> {
 }
 
 fn class(name: &str, library: &Library) -> Result<usize, String> {
-    let named = library.objects.iter().position(|object| object.as_ref().is_some_and(|o| o.manifest.name == name));
-    named.ok_or_else(|| format!("object {name:?} has no model, or is no class of the detector"))
+    library.place_of(name).ok_or_else(|| format!("object {name:?} has no model"))
 }

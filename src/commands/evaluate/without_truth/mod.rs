@@ -110,8 +110,7 @@ fn found(
 fn shape(name: &str, library: &Library, references: &References) -> Result<Shape, Box<dyn Error>> {
     let known = || library.known().map(|object| object.manifest.name.as_str()).collect::<Vec<_>>().join(", ");
     let model = library.object(name);
-    let model = model
-        .ok_or_else(|| format!("object {name:?} has no model, or is no class of the detector; known: {}", known()))?;
+    let model = model.ok_or_else(|| format!("object {name:?} has no model; known: {}", known()))?;
     let in_force = references.get(name);
     let in_force =
         in_force.ok_or_else(|| format!("object {name:?} is not calibrated; run `posed calibrate {name}`"))?;

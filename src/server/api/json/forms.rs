@@ -8,7 +8,7 @@ use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
 use crate::model::PoseFile;
-use crate::server::service::{CameraChoice, Failure};
+use crate::server::service::{CameraChoice, Failure, RequestedBox};
 use crate::vision::{RawError, RawLayout};
 
 /// A pose in a request.
@@ -114,6 +114,23 @@ impl<'de> Visitor<'de> for ChoiceVisitor {
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<CameraChoice, A::Error> {
         let camera = Camera::deserialize(MapAccessDeserializer::new(map));
         camera.map(CameraChoice::Given).map_err(|error| de::Error::custom(format!("field 'camera': {error}")))
+    }
+}
+
+/// An object, and where it is.
+#[derive(Clone, Debug, serde::Deserialize, ToSchema)]
+#[schema(as = ObjectBox)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BoxForm {
+    pub object: String,
+    /// Box of its visible part: x, y, width, height in pixels of the posted image. What lies beyond the image is cut off.
+    pub box_px: [f64; 4],
+}
+
+impl BoxForm {
+    pub(super) fn all(boxes: Option<Vec<Self>>) -> Option<Vec<RequestedBox>> {
+        let requested = |Self { object, box_px }| RequestedBox { object, box_px };
+        boxes.map(|boxes| boxes.into_iter().map(requested).collect())
     }
 }
 

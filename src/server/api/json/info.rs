@@ -43,6 +43,9 @@ pub(crate) struct ObjectReport {
     /// Why the reference of the object is not in use. Present if there is one that is not.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_problem: Option<String>,
+    /// SHA-256 of the detector that looks for the object. Absent if it is in no detector's labels: send its box (`boxes`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    detector_sha256: Option<String>,
 }
 
 /// The calibration of the object's frame.
@@ -152,8 +155,8 @@ pub(crate) struct MemoryReport {
     connections_bytes: u64,
 }
 
-impl From<&Limits> for LimitsReport {
-    fn from(limits: &Limits) -> Self {
+impl LimitsReport {
+    pub(crate) fn new(limits: &Limits, memory: &MemoryBound) -> Self {
         let milliseconds = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
         Self {
             max_body_bytes: limits.max_body_bytes,
@@ -173,22 +176,34 @@ impl From<&Limits> for LimitsReport {
             raw_encodings: RawEncoding::ALL.iter().map(ToString::to_string).collect(),
             exif_orientation: limits.exif_orientation,
             recalibration: limits.recalibration,
-            memory: (&limits.memory).into(),
+            memory: memory.into(),
         }
     }
 }
 
 impl From<&MemoryBound> for MemoryReport {
     fn from(bound: &MemoryBound) -> Self {
-        let MemoryBound { warm_bytes, bodies_bytes, pixels_bytes, workers_bytes, connections_bytes } = *bound;
-        let bound_bytes = bound.total_bytes();
-        Self { bound_bytes, warm_bytes, bodies_bytes, pixels_bytes, workers_bytes, connections_bytes }
+        let MemoryBound {
+            warm_bytes,
+            bodies_bytes,
+            pixels_bytes,
+            workers_bytes,
+            connections_bytes,
+        } = *bound;
+        Self {
+            bound_bytes: bound.total_bytes(),
+            warm_bytes,
+            bodies_bytes,
+            pixels_bytes,
+            workers_bytes,
+            connections_bytes,
+        }
     }
 }
 
-impl From<KnownObject<'_>> for ObjectReport {
-    fn from(object: KnownObject<'_>) -> Self {
-        let KnownObject { model, reference, reference_problem } = object;
+impl From<KnownObject> for ObjectReport {
+    fn from(object: KnownObject) -> Self {
+        let KnownObject { model, reference, reference_problem, detector } = object;
         let manifest = &model.manifest;
         Self {
             name: manifest.name.clone(),
@@ -203,13 +218,14 @@ impl From<KnownObject<'_>> for ObjectReport {
             training: manifest.training.clone(),
             reference: reference.as_deref().map(ReferenceReport::from),
             reference_problem,
+            detector_sha256: detector.map(|detector| detector.manifest.model_sha256.clone()),
         }
     }
 }
 
 impl From<&InForce> for ReferenceReport {
     fn from(in_force: &InForce) -> Self {
-        let InForce { reference, sha256, version } = in_force;
+        let InForce { reference, sha256, version, .. } = in_force;
         let (sigma_translation_m, sigma_rotation_rad) = reference.offset.sigmas();
         let views = reference.views.iter().map(|view| ReferenceViewReport {
             image: view.image.clone(),

@@ -11,13 +11,14 @@ use posed_core::geometry::Pose;
 use super::transform::{PlacedReport, TransformReport};
 use super::trust::{ReasonForm, StatusForm};
 use crate::estimator::{Answer, CallerFrames, ObjectPose, SolvedKeypoint, SolvedPose};
-use crate::model::{ModelsInUse, Provider};
+use crate::model::{Library, Provider};
 use crate::vision::Exif;
 
 /// What a report contains besides the estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct ReportContext<'a> {
-    pub models: &'a ModelsInUse,
+    /// What runs the networks.
+    pub provider: Provider,
     /// Frames of the caller, in which poses are reported in addition to the camera frame.
     pub frames: &'a CallerFrames,
     /// The caller's label of the image.
@@ -41,6 +42,10 @@ pub struct Report {
     /// Whether objects may be missing, because the number of detections reached a limit: `max_detections` in
     /// `GET /v1/limits`, or the detector's own. Ask for fewer objects (`objects`), or raise `min_confidence`.
     pub truncated: bool,
+    /// Why there is no pose of an object that was asked for by name, or no pose at all. Absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(example = json!(["mustard: not in the detector's labels; send its box ('boxes')"]))]
+    pub hints: Vec<String>,
     pub timings_ms: TimingsReport,
     pub models: ModelsReport,
 }
@@ -84,13 +89,16 @@ pub struct PoseReport {
     pub solved: Option<SolvedReport>,
 }
 
-/// What the detector found.
+/// Where the object is: as the detector found it, or as the request says.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct DetectionReport {
     /// Box of the visible part of the object: x, y, width, height in pixels.
     pub box_px: [f64; 4],
-    /// Detector score, 0..1.
+    /// Detector score, 0..1. 1 for a box of the request.
     pub score: f64,
+    /// Place among the `boxes` of the request, from 0. Absent if a detector found the object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub given_box: Option<usize>,
 }
 
 /// A solved pose and its evidence.
@@ -162,15 +170,26 @@ pub struct TimingsReport {
 pub struct ModelsReport {
     #[schema(value_type = String, example = "cpu")]
     pub provider: Provider,
-    /// SHA-256 of the detector file.
-    pub detector: String,
+    /// SHA-256 of the detector that objects share. Absent if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detector: Option<String>,
+    /// SHA-256 of the detectors that objects bring along, by object name. Absent if there are none.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub own_detectors: BTreeMap<String, String>,
     /// SHA-256 of the keypoint net of each object, by object name.
     pub keypoints: BTreeMap<String, String>,
 }
 
-impl From<&ModelsInUse> for ModelsReport {
-    fn from(models: &ModelsInUse) -> Self {
-        Self { provider: models.provider, detector: models.detector.clone(), keypoints: models.keypoints.clone() }
+impl ModelsReport {
+    #[must_use]
+    pub fn new(library: Option<&Library>, provider: Provider) -> Self {
+        let shared = library.and_then(Library::shared_detector);
+        Self {
+            provider,
+            detector: shared.map(|detector| detector.manifest.model_sha256.clone()),
+            own_detectors: library.map(Library::own_detectors).unwrap_or_default(),
+            keypoints: library.map(Library::keypoint_nets).unwrap_or_default(),
+        }
     }
 }
 
@@ -193,6 +212,7 @@ impl Report {
             },
             poses: answer.estimate.poses.iter().map(|pose| PoseReport::new(pose, context.frames)).collect(),
             truncated: answer.estimate.truncated,
+            hints: answer.estimate.hints.iter().map(ToString::to_string).collect(),
             timings_ms: TimingsReport {
                 queue: milliseconds(answer.queued),
                 decode: milliseconds(answer.decode),
@@ -202,7 +222,7 @@ impl Report {
                 total: milliseconds(answer.total),
                 batch_size: answer.batch_size,
             },
-            models: context.models.into(),
+            models: ModelsReport::new(Some(&*answer.estimate.catalogue.library), context.provider),
         }
     }
 }
@@ -218,6 +238,7 @@ impl PoseReport {
             detection: DetectionReport {
                 box_px: <[f64; 4]>::from(region).map(round),
                 score: round(found.detection.score),
+                given_box: found.detection.given,
             },
             solved: found.pose.as_ref().map(|solved| SolvedReport::new(solved, frames)),
         }

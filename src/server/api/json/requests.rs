@@ -4,7 +4,7 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
-use super::forms::{CameraChoiceForm, PoseForm, PoseSchema, RawForm};
+use super::forms::{BoxForm, CameraChoiceForm, PoseForm, PoseSchema, RawForm};
 use crate::estimator::CallerFrames;
 use crate::server::service::{CameraChoice, Failure, PoseRequest};
 use crate::vision::RawLayout;
@@ -27,6 +27,9 @@ pub(crate) struct EstimateRequest {
     /// Whether an image of another size than the camera's is its full frame, resized: the parameters are then scaled.
     #[serde(default)]
     allow_resize: bool,
+    /// Where the objects are, from a detector of your own: the server's detectors do not look then. Each box gets a pose. Objects
+    /// that are in no detector's labels need this. At most `max_detections` of `GET /v1/limits`; not together with `objects`.
+    boxes: Option<Vec<BoxForm>>,
     /// Pose of the camera in the world frame. If set, the answer also has each pose in the world frame.
     #[schema(value_type = Option<PoseSchema>)]
     world_from_camera: Option<PoseForm>,
@@ -48,8 +51,10 @@ impl EstimateRequest {
             base_from_camera: frame("base_from_camera", self.base_from_camera)?,
         };
         let raw = self.raw.map(RawForm::layout).transpose()?;
+        let boxes = BoxForm::all(self.boxes);
         let Self { camera, objects, max_instances, min_confidence, allow_resize, captured_at, .. } = self;
-        let request = PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, frames, captured_at };
+        let request =
+            PoseRequest { camera, objects, max_instances, min_confidence, allow_resize, boxes, frames, captured_at };
         Ok((request, raw))
     }
 }
@@ -66,6 +71,10 @@ impl BatchRequest {
         let text = self.0.get();
         if !text.trim_start().starts_with('[') {
             let shared: EstimateRequest = serde_json::from_str(text).map_err(bad)?;
+            if shared.boxes.is_some() && images > 1 {
+                let message = "field 'boxes' is of one image; list options for each image, each with its own boxes";
+                return Err(Failure::invalid(message));
+            }
             // Checked before it is copied.
             PoseRequest::check_names(shared.objects.as_deref())?;
             return Ok(vec![shared; images].into_iter().map(Ok).collect());

@@ -7,7 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::report::ModelsReport;
-use crate::model::ModelsInUse;
+use crate::model::Provider;
 use crate::server::service::{Latency, Limits, StatusSnapshot};
 
 /// The current state of the server.
@@ -71,7 +71,7 @@ struct MemoryInUse {
 }
 
 impl StatusReport {
-    pub(crate) fn new(now: StatusSnapshot, limits: &Limits, models: &ModelsInUse) -> Self {
+    pub(crate) fn new(now: StatusSnapshot, limits: &Limits, provider: Provider) -> Self {
         Self {
             ready: now.trouble.is_none(),
             trouble: now.trouble,
@@ -87,8 +87,8 @@ impl StatusReport {
                 requests_per_second: round(now.last_minute.rate),
                 latency_ms: now.last_minute.latency.map(Into::into),
             },
-            models: models.into(),
-            memory: MemoryInUse { resident_bytes: now.resident_bytes, bound_bytes: limits.memory.total_bytes() },
+            models: ModelsReport::new(Some(&*now.library), provider),
+            memory: MemoryInUse { resident_bytes: now.resident_bytes, bound_bytes: now.bound_bytes },
         }
     }
 }

@@ -4,12 +4,12 @@ use posed_core::geometry::Covariance6;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::forms::{CameraChoiceForm, PoseForm, PoseSchema, RawForm};
+use super::forms::{BoxForm, CameraChoiceForm, PoseForm, PoseSchema, RawForm};
 use super::report::{ImageReport, ModelsReport, PoseReport, Report, ReportContext, TimingsReport, round};
 use super::transform::{PlacedReport, TransformReport};
 use super::trust::{ReasonForm, StatusForm};
 use crate::estimator::{Answer, CallerFrames, FusedPose, LeftOut, ViewShare};
-use crate::model::ModelsInUse;
+use crate::model::Provider;
 use crate::server::service::{CameraChoice, Failure, PoseRequest, ViewCamera, ViewCameras, ViewsRequest};
 use crate::vision::RawLayout;
 
@@ -57,6 +57,8 @@ struct ViewForm {
     /// 6x6 covariance of `world_from_camera`, row-major: x, y, z (m²), rotation about x, y, z (rad²), along the axes of the world.
     /// Omit this for standard deviations of 1 mm and 0.1 degrees.
     covariance: Option<[[f64; 6]; 6]>,
+    /// Where the objects are in this image, as in `POST /v1/poses`. Omit this to let the detector look.
+    boxes: Option<Vec<BoxForm>>,
 }
 
 impl ViewsForm {
@@ -89,9 +91,8 @@ impl ViewsForm {
         };
         // Checked before it is copied for each image.
         PoseRequest::check_names(objects.as_deref())?;
-        let frames = CallerFrames::default();
         let common =
-            PoseRequest { camera: None, objects, max_instances, min_confidence, allow_resize, frames, captured_at };
+            PoseRequest { objects, max_instances, min_confidence, allow_resize, captured_at, ..PoseRequest::default() };
         Ok((ViewsRequest { cameras, common }, raw))
     }
 }
@@ -103,6 +104,7 @@ impl ViewForm {
             camera: self.camera,
             world_from_camera: Failure::or_pose(&field, self.world_from_camera)?,
             covariance: self.covariance.map(|rows| Covariance6::from_fn(|row, column| rows[row][column])),
+            boxes: BoxForm::all(self.boxes),
         })
     }
 }
@@ -133,6 +135,9 @@ pub struct ViewReport {
     pub poses: Vec<PoseReport>,
     /// Whether objects may be missing, because the number of detections reached a limit.
     pub truncated: bool,
+    /// As `POST /v1/poses` returns them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hints: Vec<String>,
     pub timings_ms: TimingsReport,
 }
 
@@ -213,20 +218,23 @@ impl From<LeftOut> for LeftOutForm {
 
 impl ViewsReport {
     #[must_use]
-    pub fn new(answers: &[Answer], fused: &[FusedPose], models: &ModelsInUse, captured_at: Option<&str>) -> Self {
+    pub fn new(answers: &[Answer], fused: &[FusedPose], provider: Provider, captured_at: Option<&str>) -> Self {
         let frames = CallerFrames::default();
         let view = |answer: &Answer| {
-            let Report { image, poses, truncated, timings_ms, .. } =
-                Report::new(answer, &ReportContext { models, frames: &frames, captured_at: None });
-            ViewReport { image, poses, truncated, timings_ms }
+            let context = ReportContext { provider, frames: &frames, captured_at: None };
+            let Report { image, poses, truncated, hints, timings_ms, .. } = Report::new(answer, &context);
+            ViewReport { image, poses, truncated, hints, timings_ms }
         };
+        // Those of the fused poses, should models have changed between two views.
+        let libraries = answers.iter().map(|answer| &*answer.estimate.catalogue.library);
+        let newest = libraries.max_by_key(|library| library.generation());
         Self {
             frame: "world: as in world_from_camera; cameras: x right, y down, z forward (OpenCV)",
             units: "metres, radians, pixels",
             captured_at: captured_at.map(ToOwned::to_owned),
             objects: fused.iter().map(Into::into).collect(),
             views: answers.iter().map(view).collect(),
-            models: models.into(),
+            models: ModelsReport::new(newest, provider),
         }
     }
 }

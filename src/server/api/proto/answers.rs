@@ -4,12 +4,12 @@ use posed_core::geometry::{Covariance6, Pose};
 use posed_core::pnp::Status;
 
 use crate::estimator::{Answer, CallerFrames, ObjectPose, Reason, SolvedKeypoint, SolvedPose};
-use crate::model::ModelsInUse;
+use crate::model::{Library, Provider};
 use crate::proto;
 use crate::server::service::{KnownObject, Options};
 
 #[expect(clippy::cast_possible_truncation, reason = "at most 16 keypoints")]
-pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
+pub(crate) fn known_object(object: &KnownObject) -> proto::KnownObject {
     let manifest = &object.model.manifest;
     proto::KnownObject {
         name: manifest.name.clone(),
@@ -20,11 +20,12 @@ pub(crate) fn known_object(object: &KnownObject<'_>) -> proto::KnownObject {
         model_sha256: manifest.model_sha256.clone(),
         reference_sha256: object.reference.as_ref().map(|in_force| in_force.sha256.clone()).unwrap_or_default(),
         reference_problem: object.reference_problem.clone().unwrap_or_default(),
+        detector_sha256: object.detector.as_ref().map(|one| one.manifest.model_sha256.clone()).unwrap_or_default(),
     }
 }
 
-pub(crate) fn response(answer: &Answer, options: &Options, models: &ModelsInUse) -> proto::EstimateResponse {
-    answered(answer, &options.frames, options.captured_at.clone().unwrap_or_default(), models)
+pub(crate) fn response(answer: &Answer, options: &Options, provider: Provider) -> proto::EstimateResponse {
+    answered(answer, &options.frames, options.captured_at.clone().unwrap_or_default(), provider)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a batch of at most 256 images")]
@@ -32,7 +33,7 @@ pub(super) fn answered(
     answer: &Answer,
     frames: &CallerFrames,
     captured_at: String,
-    models: &ModelsInUse,
+    provider: Provider,
 ) -> proto::EstimateResponse {
     let milliseconds = |duration: std::time::Duration| duration.as_secs_f64() * 1e3;
     let timings = &answer.estimate.timings;
@@ -56,14 +57,22 @@ pub(super) fn answered(
         exif_applied: answer.exif.applied,
         camera_scaled_from_width: scaled_from_width,
         camera_scaled_from_height: scaled_from_height,
-        models: Some(proto::Models {
-            provider: models.provider.to_string(),
-            detector_sha256: models.detector.clone(),
-            keypoints_sha256: models.keypoints.clone().into_iter().collect(),
-        }),
+        models: Some(models(&answer.estimate.catalogue.library, provider)),
+        hints: answer.estimate.hints.iter().map(ToString::to_string).collect(),
     }
 }
 
+fn models(library: &Library, provider: Provider) -> proto::Models {
+    let shared = library.shared_detector();
+    proto::Models {
+        provider: provider.to_string(),
+        detector_sha256: shared.map(|detector| detector.manifest.model_sha256.clone()).unwrap_or_default(),
+        keypoints_sha256: library.keypoint_nets().into_iter().collect(),
+        own_detectors_sha256: library.own_detectors().into_iter().collect(),
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "at most 32 boxes")]
 fn object_pose(found: &ObjectPose, frames: &CallerFrames) -> proto::ObjectPose {
     let region = found.detection.bounding_box;
     proto::ObjectPose {
@@ -79,6 +88,7 @@ fn object_pose(found: &ObjectPose, frames: &CallerFrames) -> proto::ObjectPose {
         score: found.detection.score,
         solved: found.pose.as_ref().map(|solved| solved_pose(solved, frames)),
         confidence: found.confidence(),
+        given_box: found.detection.given.map(|place| place as u32),
     }
 }
 

@@ -7,7 +7,7 @@ use proto::estimate_request::Camera as ChoiceMessage;
 
 use crate::estimator::CallerFrames;
 use crate::proto;
-use crate::server::service::{CameraChoice, Failure, PoseRequest};
+use crate::server::service::{CameraChoice, Failure, PoseRequest, RequestedBox};
 use crate::vision::{Image, RawImage, RawLayout};
 
 /// Everything but the image.
@@ -26,12 +26,26 @@ pub(crate) fn request(message: proto::EstimateRequest) -> Result<PoseRequest, Fa
         max_instances: message.max_instances.map(|count| count as usize),
         min_confidence: Some(message.min_confidence),
         allow_resize: message.allow_resize,
+        boxes: boxes(message.boxes)?,
         frames: CallerFrames {
             world_from_camera: frame("world_from_camera", message.world_from_camera)?,
             base_from_camera: frame("base_from_camera", message.base_from_camera)?,
         },
         captured_at: Some(message.captured_at).filter(|mark| !mark.is_empty()),
     })
+}
+
+/// Boxes of the caller; `None` where there are none, since an empty list is none here.
+pub(super) fn boxes(boxes: Vec<proto::ObjectBox>) -> Result<Option<Vec<RequestedBox>>, Failure> {
+    if boxes.is_empty() {
+        return Ok(None);
+    }
+    let requested = |(index, message): (usize, proto::ObjectBox)| {
+        let missing = || Failure::invalid(format!("'boxes[{index}]' has no 'box'; set it"));
+        let proto::BoundingBox { x_px, y_px, width_px, height_px } = message.r#box.ok_or_else(missing)?;
+        Ok(RequestedBox { object: message.object, box_px: [x_px, y_px, width_px, height_px] })
+    };
+    boxes.into_iter().enumerate().map(requested).collect::<Result<_, _>>().map(Some)
 }
 
 /// The image that a message brings, encoded or raw.

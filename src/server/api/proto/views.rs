@@ -4,9 +4,9 @@ use posed_core::geometry::{Covariance6, Pose};
 use proto::view::Camera as ChoiceMessage;
 
 use super::answers::{answered, row_major};
-use super::requests::{image, inline_camera};
+use super::requests::{boxes, image, inline_camera};
 use crate::estimator::{CallerFrames, FusedPose, LeftOut, ViewShare};
-use crate::model::ModelsInUse;
+use crate::model::Provider;
 use crate::proto;
 use crate::server::service::{CameraChoice, Failure, PoseRequest, ViewCamera, ViewCameras, ViewsAnswer, ViewsRequest};
 use crate::vision::Image;
@@ -28,6 +28,11 @@ pub(crate) fn views_request(message: proto::EstimateViewsRequest) -> Result<(Vie
     for (view, mut message) in views.into_iter().enumerate() {
         images.push(image(std::mem::take(&mut message.image), message.raw_image.take())?);
         if is_rig {
+            if !message.boxes.is_empty() {
+                return Err(Failure::invalid(format!(
+                    "'views[{view}].boxes' is not for 'rig_id'; set 'views' with cameras"
+                )));
+            }
             if message.camera.is_some() || message.world_from_camera.is_some() {
                 return Err(Failure::invalid(format!(
                     "field 'rig_id' is set, and 'views[{view}]' has a camera of its own; set only one of them"
@@ -49,6 +54,7 @@ pub(crate) fn views_request(message: proto::EstimateViewsRequest) -> Result<(Vie
         max_instances: max_instances.map(|count| count as usize),
         min_confidence: Some(min_confidence),
         allow_resize,
+        boxes: None,
         frames: CallerFrames::default(),
         captured_at: Some(captured_at).filter(|mark| !mark.is_empty()),
     };
@@ -72,16 +78,16 @@ fn view_camera(message: proto::View, view: usize) -> Result<ViewCamera, Failure>
         }
     };
     let world_from_camera = Failure::or_pose(&format!("views[{view}].world_from_camera"), pose)?;
-    Ok(ViewCamera { camera, world_from_camera, covariance })
+    Ok(ViewCamera { camera, world_from_camera, covariance, boxes: boxes(message.boxes)? })
 }
 
 pub(crate) fn views_response(
     answer: &ViewsAnswer,
     captured_at: Option<String>,
-    models: &ModelsInUse,
+    provider: Provider,
 ) -> proto::EstimateViewsResponse {
     let frames = CallerFrames::default();
-    let alone = |view| answered(view, &frames, String::new(), models);
+    let alone = |view| answered(view, &frames, String::new(), provider);
     proto::EstimateViewsResponse {
         objects: answer.fused.iter().map(fused_pose).collect(),
         views: answer.views.iter().map(alone).collect(),
