@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track films evaluate-films
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track hot-add films evaluate-films
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -76,10 +76,13 @@ bench-views: onnxruntime ## Compares three views as one request with their netwo
 bench-track: onnxruntime ## Compares a stream that tracks with single images (POSED_FILM: a scene; default: the tests').
 	cargo bench --locked --bench track
 
+hot-add: onnxruntime ## Prints what it costs to add an object to a server that is asked all the time.
+	cargo test --release --locked --test server -- --ignored --nocapture figures_of_a_hot_add
+
 soak: onnxruntime ## Good, bad, slow and hostile clients at once for SOAK_MINUTES (30); writes docs/benchmarks/soak.md.
 	POSED_BENCH_OUT=docs/benchmarks/soak.md cargo bench --locked --bench soak
 
-FUZZ := camera dataset image manifest ply protobuf raw request
+FUZZ := bundle camera dataset image manifest ply protobuf raw request
 FUZZ_SECONDS := 15
 fuzz: ## Fuzzes every reader of bytes from outside, each for FUZZ_SECONDS.
 	@scripts/fuzz.sh $(FUZZ_SECONDS) $(FUZZ)

@@ -11,6 +11,7 @@ mod evaluate;
 mod healthcheck;
 mod known;
 mod models;
+mod objects;
 mod serve;
 
 use std::error::Error;
@@ -39,6 +40,9 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Check an installation: load all models, and compare the poses in the samples with the known ones.
     Check(check::Check),
+    /// Add, remove and list the objects of a models folder. Without a server: one that runs on this folder takes changes up with
+    /// --watch, else at its next start.
+    Objects(objects::Objects),
     /// Evaluate the accuracy of objects on a dataset (BOP or LINEMOD).
     Evaluate(evaluate::Evaluate),
     /// Check that a running server is ready. For containers without a shell.
@@ -77,6 +81,7 @@ impl Cli {
             Command::Estimate(command) => command.run(),
             Command::Calibrate(command) => command.run(),
             Command::Check(command) => command.run(),
+            Command::Objects(command) => command.run(),
             Command::Evaluate(command) => command.run(),
             Command::Healthcheck(command) => command.run(),
             Command::Completions(command) => command.run(&mut Self::command()),

@@ -3,6 +3,7 @@
 mod admission;
 mod answer;
 mod calibrate;
+mod candidate;
 mod detect;
 mod doubts;
 mod ensemble;
@@ -43,6 +44,7 @@ pub use answer::{
     ObjectPose, Observed, Selection, SolvedKeypoint, SolvedPose, Spread, Timings,
 };
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
+pub use candidate::{CandidateError, load_candidate};
 pub use detect::MAX_DETECTIONS;
 pub use expected::{Expected, Guide};
 pub use follow::{FollowOptions, Follower, Tracked};

@@ -1,5 +1,6 @@
 //! Model folders, references, and the runtime of the networks.
 
+mod bundle;
 mod catalogue;
 mod detector;
 mod evidence;
@@ -17,7 +18,9 @@ mod reference;
 mod references;
 mod rig;
 mod runtime;
+mod store;
 
+pub use bundle::{BundleError, BundleManifest, unpack};
 pub use catalogue::{Catalogue, Current};
 pub use detector::DetectorModel;
 pub use evidence::Evidence;
@@ -33,6 +36,7 @@ pub use manifest::{
 pub(crate) use manifest::{read_json, read_regular};
 pub use network::{Backend, Input, KeypointNet, Network, Output, Outputs, RuntimeError, SizeInput};
 pub use networks::{Networks, NewNetworks};
+pub(crate) use object::DETECTOR;
 pub use object::ObjectModel;
 pub use provider::Provider;
 pub(crate) use reference::write_atomically;
@@ -40,3 +44,4 @@ pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::References;
 pub use rig::{Rig, RigCamera, RigError};
 pub use runtime::{Runtime, available_cores};
+pub use store::{Staged, Store, StoreError};

@@ -10,7 +10,7 @@ use tokio::task::JoinSet;
 
 use super::connections::{ConnectionLimits, Listener, Protocol};
 use super::front_end::{Context, FrontEnd};
-use super::service::{Access, AccessError, Connections, LoadFailure, Readiness, Service};
+use super::service::{Access, AccessError, Connections, LoadFailure, Readiness, Service, watch_models};
 use super::settings::Config;
 use super::telemetry::LogControl;
 use super::tls::{Tls, TlsError};
@@ -89,6 +89,7 @@ pub async fn run(config: Config, logs: LogControl) -> Result<(), ServeError> {
         () = signals.next() => return Ok(()),
     };
     service.tell_bound();
+    watch_models(&service);
     readiness.set_ready(Arc::clone(&service));
     let draining = Arc::clone(&service);
     let context = Arc::new(Context { service, readiness: readiness.clone(), stopping: stopping.clone(), page });

@@ -40,7 +40,7 @@ pub struct Config {
     #[arg(long, env = "POSED_PAGE", help_heading = LISTEN)]
     #[arg(default_value_t = true, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
     pub page: bool,
-    /// Folder with `detector/` and one folder for each object.
+    /// Folder with one folder for each object, and `detector/` if objects share one.
     #[arg(long, env = "POSED_MODELS", default_value = "models", help_heading = MODELS)]
     pub models: PathBuf,
     /// Folder with the reference `<object>.json` of each calibrated object.
@@ -53,6 +53,15 @@ pub struct Config {
     #[arg(long, env = "POSED_RECALIBRATION", help_heading = MODELS)]
     #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
     pub recalibration: bool,
+    /// Allow clients to add, replace and remove objects with `PUT` and `DELETE /v1/objects/{name}`. The models folder must be
+    /// writable.
+    #[arg(long, env = "POSED_OBJECT_CHANGES", help_heading = MODELS)]
+    #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
+    pub object_changes: bool,
+    /// Look for changes in the models folder every two seconds, and serve what was added, replaced or removed there.
+    #[arg(long, env = "POSED_WATCH", help_heading = MODELS)]
+    #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
+    pub watch: bool,
     /// Probability from which on a pose is `ok`, 0..1. Omit this to use what each object's model states.
     #[arg(long, env = "POSED_OK_PROBABILITY", value_parser = Trust::parse_probability, help_heading = MODELS)]
     pub ok_probability: Option<f64>,
@@ -95,6 +104,10 @@ pub struct Config {
     #[arg(long, env = "POSED_MAX_BODY_BYTES", help_heading = LIMITS)]
     #[arg(default_value_t = 16_777_216, value_parser = whole::<usize>(1024..=1 << 30))]
     pub max_body_bytes: usize,
+    /// Maximum size of the bundle of an object, bytes.
+    #[arg(long, env = "POSED_MAX_BUNDLE_BYTES", help_heading = LIMITS)]
+    #[arg(default_value_t = 134_217_728, value_parser = whole::<usize>(1024..=1 << 32))]
+    pub max_bundle_bytes: usize,
     /// Maximum width and height of an image, pixels.
     #[arg(long, env = "POSED_MAX_SIDE_PX", help_heading = LIMITS)]
     #[arg(default_value_t = DecodeOptions::default().max_side_px, value_parser = whole::<u32>(16..=u32::MAX.into()))]
@@ -149,7 +162,7 @@ pub struct Config {
     #[arg(long, env = "POSED_DRAIN_SECONDS", help_heading = TIMES)]
     #[arg(default_value_t = 10, value_parser = whole::<u64>(0..=3600))]
     pub drain_seconds: u64,
-    /// File of bearer tokens. Each line has the SHA-256 of a token and its scopes: estimate, calibrate, admin. Without it
+    /// File of bearer tokens. Each line has the SHA-256 of a token and its scopes: estimate, calibrate, objects, admin. Without it
     /// everybody may do everything.
     #[arg(long, env = "POSED_TOKENS", help_heading = SAFETY)]
     pub tokens: Option<PathBuf>,

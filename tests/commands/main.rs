@@ -1,9 +1,12 @@
 //! The commands of the real program: what they do, and what they say when something is wrong.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
+#[path = "../support/bundle.rs"]
+mod bundle;
 mod calibrate;
 mod estimate;
 mod evaluate;
+mod objects;
 #[path = "../support/onnx.rs"]
 mod onnx;
 mod refusals;

@@ -4,17 +4,24 @@
 mod access;
 mod admin;
 mod boxes;
+#[path = "../support/bundle.rs"]
+mod bundle;
+mod bundles;
 mod connections;
 mod counting;
 mod deadlines;
 mod forms;
 mod grpc;
 mod hostile;
+mod hot_add;
 mod http;
 mod hung;
 mod lifecycle;
 mod load;
 mod models;
+mod objects;
+#[path = "../support/onnx.rs"]
+mod onnx;
 mod raw;
 mod raw_grpc;
 mod recalibration;

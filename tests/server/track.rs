@@ -284,3 +284,26 @@ async fn settings_that_mean_nothing_are_refused() {
     let said = stream.refused(request(image_of(&view), &view), Some(1.0)).await;
     assert!(said.contains("'track' in its settings"), "{said}");
 }
+
+/// A change of objects between two frames: what has not changed is followed on, what has is another object from then on.
+#[tokio::test]
+async fn a_stream_goes_on_through_a_change_of_objects() {
+    let models = crate::support::copy_of("models");
+    let server = Server::start(&["--models", models.path().to_str().unwrap(), "--object-changes"]);
+    let mut stream = Stream::open(&server, tracking()).await;
+    let film = film();
+    let mut ids = Vec::new();
+    for (number, view) in film.iter().enumerate() {
+        if number == film.len() / 2 {
+            let bundle = crate::bundle::Bundle::of("motor").tar();
+            assert!(crate::objects::put(&server, "motor", bundle).await.status().is_success());
+        }
+        let time = f64::from(u8::try_from(number).unwrap()) / 10.0;
+        let tracks = stream.tracks(request(image_of(view), view), time).await;
+        ids.push(["cube", "motor"].map(|object| of(&tracks, object).track_id));
+    }
+    let (first, last) = (ids[0], ids[film.len() - 1]);
+    assert_eq!(first[0], last[0], "{ids:?}");
+    assert_ne!(first[1], last[1], "{ids:?}");
+    assert!(ids.windows(2).filter(|pair| pair[0][1] != pair[1][1]).count() == 1, "{ids:?}");
+}

@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -131,9 +132,10 @@ impl DetectorManifest {
         if names.is_empty() {
             return Err(("labels", "has no object; it must name the object of each class".into()));
         }
-        for (index, name) in names.iter().enumerate() {
+        let mut known = BTreeSet::new();
+        for name in names {
             check_name(name).map_err(|problem| ("labels", problem))?;
-            if names[..index].contains(name) {
+            if !known.insert(name) {
                 return Err(("labels", format!("has {name:?} twice")));
             }
         }

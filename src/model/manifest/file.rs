@@ -9,7 +9,7 @@ use thiserror::Error;
 /// A manifest or a reference of many views is far below this.
 pub(in crate::model) const MAX_JSON_BYTES: u64 = 64 << 20;
 /// An ONNX file is a protobuf message: none is larger.
-const MAX_MODEL_BYTES: u64 = 2 << 30;
+pub(in crate::model) const MAX_MODEL_BYTES: u64 = 2 << 30;
 
 /// A model folder that cannot be used. Every message names the file, and the field where there is one.
 #[derive(Debug, Error)]
@@ -50,7 +50,7 @@ pub(in crate::model) fn read_model(path: &Path, stated: &str) -> Result<Vec<u8>,
 }
 
 /// Object names become file names and URL parts.
-pub(super) fn check_name(name: &str) -> Result<(), String> {
+pub(in crate::model) fn check_name(name: &str) -> Result<(), String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if (1..=64).contains(&name.len()) && name.chars().all(allowed) {
         Ok(())
@@ -82,8 +82,12 @@ pub(crate) fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 }
 
 pub(in crate::model) fn sha256_hex(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+pub(in crate::model) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
-    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+    bytes.iter().fold(String::new(), |mut text, byte| {
         // Writing to a string cannot fail.
         let _ = write!(text, "{byte:02x}");
         text

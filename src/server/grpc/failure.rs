@@ -12,9 +12,10 @@ const RETRY_DELAY: Duration = Duration::from_secs(1);
 
 pub(super) fn code(kind: FailureKind) -> Code {
     match kind {
-        FailureKind::InvalidRequest | FailureKind::InvalidImage | FailureKind::UnsupportedFormat => {
-            Code::InvalidArgument
-        }
+        FailureKind::InvalidRequest
+        | FailureKind::InvalidImage
+        | FailureKind::UnsupportedFormat
+        | FailureKind::InvalidBundle => Code::InvalidArgument,
         FailureKind::TooLarge | FailureKind::QueueFull => Code::ResourceExhausted,
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => Code::NotFound,
         FailureKind::NotCalibrated | FailureKind::Unmeasurable => Code::FailedPrecondition,

@@ -14,7 +14,7 @@ pub(super) fn status(kind: FailureKind) -> StatusCode {
         FailureKind::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => StatusCode::NOT_FOUND,
         FailureKind::NotCalibrated => StatusCode::CONFLICT,
-        FailureKind::Unmeasurable => StatusCode::UNPROCESSABLE_ENTITY,
+        FailureKind::Unmeasurable | FailureKind::InvalidBundle => StatusCode::UNPROCESSABLE_ENTITY,
         FailureKind::Unauthenticated => StatusCode::UNAUTHORIZED,
         FailureKind::Forbidden => StatusCode::FORBIDDEN,
         FailureKind::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,

@@ -140,7 +140,7 @@ async fn json<T: DeserializeOwned>(mut part: Field<'_>) -> Result<T, Failure> {
 }
 
 /// A slow sender has no more time than the answer.
-async fn in_time<T>(deadline: Instant, read: impl Future<Output = T>) -> Result<T, Failure> {
+pub(super) async fn in_time<T>(deadline: Instant, read: impl Future<Output = T>) -> Result<T, Failure> {
     let message = "the request body did not arrive in time; raise 'x-request-timeout-ms', or send less";
     tokio::time::timeout_at(deadline.into(), read).await.map_err(|_| Failure::new(FailureKind::TimedOut, message))
 }
@@ -149,7 +149,7 @@ fn of_part(error: &MultipartError) -> Failure {
     of_source(error).unwrap_or_else(|| Failure::invalid(error.body_text()))
 }
 
-fn of_body(error: &axum::Error) -> Failure {
+pub(super) fn of_body(error: &axum::Error) -> Failure {
     of_source(error).unwrap_or_else(|| Failure::invalid(error.to_string()))
 }
 

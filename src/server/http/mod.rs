@@ -4,6 +4,7 @@ mod batch;
 mod failure;
 mod form;
 mod info;
+mod objects;
 mod observe;
 mod page;
 mod path;

@@ -14,7 +14,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::failure::not_allowed;
-use super::{batch, info, observe, page, poses, reference, upload, views};
+use super::{batch, info, objects, observe, page, poses, reference, upload, views};
 use crate::server::front_end::{Context, FrontEnd, Protocol};
 use crate::server::service::{Failure, FailureKind, Service};
 
@@ -49,7 +49,7 @@ fn described() -> OpenApiRouter<Arc<Service>> {
         .routes(routes!(batch::batch))
         .routes(routes!(views::views))
         .routes(routes!(info::objects))
-        .routes(routes!(info::object))
+        .routes(routes!(info::object, objects::put, objects::remove))
         .routes(routes!(reference::replace))
         .routes(routes!(reference::image))
         .routes(routes!(info::cameras))

@@ -7,7 +7,7 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
-use axum::extract::{Request, State};
+use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
@@ -29,11 +29,14 @@ pub(super) struct Admitted {
     pub deadline: Instant,
 }
 
+/// Where objects come and go.
+const OBJECT: &str = "/v1/objects/{name}";
+
 /// Why a body is not read to its end.
 #[derive(Debug, Error)]
 pub(super) enum UploadError {
     #[error("larger than {limit} bytes")]
-    TooLarge { limit: usize },
+    TooLarge { limit: usize, setting: &'static str },
     #[error(transparent)]
     Refused(#[from] Refusal),
     #[error("stalled")]
@@ -44,8 +47,10 @@ pub(super) enum UploadError {
 
 /// Asks who it is, and for room, before the body is read. What is refused is refused here, before the upload.
 pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
+    let of_object = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == OBJECT);
     let scope = match *request.method() {
         Method::GET | Method::HEAD => Scope::Any,
+        Method::PUT | Method::DELETE if of_object => Scope::Objects,
         Method::PUT => Scope::Calibrate,
         _ => Scope::Estimate,
     };
@@ -58,18 +63,25 @@ pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request,
     }
     let (mut parts, body) = request.into_parts();
     let unread = Unread::new(&parts.headers);
-    let (limit, timeout) = (service.limits.max_body_bytes, service.limits.body_timeout);
-    let upload = |lease| Upload { body, lease, received: 0, limit, timeout, stall: None, unread: unread.clone() };
-    let admitted = allowed.and_then(|()| {
-        let deadline = timeout::deadline(&service, &parts.headers)?;
-        let body = service.admit(announced(&parts.headers), deadline)?;
-        Ok(Admitted { body, deadline })
-    });
+    let timeout = service.limits.body_timeout;
+    let is_bundle = scope == Scope::Objects;
+    let (limit, setting) = if is_bundle {
+        (service.limits.max_bundle_bytes, "max_bundle_bytes")
+    } else {
+        (service.limits.max_body_bytes, "max_body_bytes")
+    };
+    let upload = |lease| {
+        let unread = unread.clone();
+        Upload { body, lease, received: 0, limit, setting, timeout, stall: None, waits: false, unread }
+    };
+    let admitted = allowed
+        .and_then(|()| if is_bundle { bundle(&service, &parts.headers) } else { body_of(&service, &parts.headers) });
     let mut response = match admitted {
         Ok(admitted) => {
             let lease = Arc::clone(&admitted.body);
             parts.extensions.insert(admitted);
-            let body = Body::new(upload(Some(Arc::clone(&lease))));
+            // A bundle goes to the disk as it comes.
+            let body = Body::new(upload((!is_bundle).then(|| Arc::clone(&lease))));
             let response = next.run(Request::from_parts(parts, body)).await;
             // Until the answer has left: a client that does not read it has no room for more.
             response.map(|body| Held::body(body, lease))
@@ -83,6 +95,22 @@ pub(super) async fn admit(State(service): State<Arc<Service>>, request: Request,
         response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     response
+}
+
+/// A body that is held in memory.
+fn body_of(service: &Service, headers: &HeaderMap) -> Result<Admitted, Failure> {
+    let deadline = timeout::deadline(service, headers)?;
+    Ok(Admitted { body: service.admit(announced(headers), deadline)?, deadline })
+}
+
+/// A bundle, which takes no room of others.
+fn bundle(service: &Service, headers: &HeaderMap) -> Result<Admitted, Failure> {
+    service.may_change_objects()?;
+    let limit = service.limits.max_bundle_bytes;
+    if announced(headers).is_some_and(|bytes| bytes > limit as u64) {
+        return Err(Failure::too_large(limit, "max_bundle_bytes"));
+    }
+    Ok(Admitted { body: service.lease(), deadline: timeout::long_deadline(service, headers)? })
 }
 
 /// The length that a body states.
@@ -116,12 +144,16 @@ impl Unread {
 /// A request's body.
 struct Upload {
     body: Body,
-    /// None where there is no room: then it is only read to a bounded end.
+    /// None where there is no room, and it is only read to a bounded end; and where it takes none.
     lease: Option<Arc<BodyLease>>,
     received: usize,
     limit: usize,
+    /// That states it.
+    setting: &'static str,
     timeout: Duration,
     stall: Option<Stall>,
+    /// Whether nothing has come since it was asked for.
+    waits: bool,
     unread: Unread,
 }
 
@@ -129,7 +161,7 @@ impl Upload {
     fn count(&mut self, frame: &Frame<Bytes>) -> Result<(), UploadError> {
         self.received += frame.data_ref().map_or(0, Bytes::len);
         if self.received > self.limit {
-            return Err(UploadError::TooLarge { limit: self.limit });
+            return Err(UploadError::TooLarge { limit: self.limit, setting: self.setting });
         }
         let lease = self.lease.as_ref().map(|lease| lease.grow_to(self.received));
         Ok(lease.transpose().map(drop)?)
@@ -147,7 +179,7 @@ impl HttpBody for Upload {
         self.unread.waits.store(false, Ordering::Relaxed);
         match Pin::new(&mut self.body).poll_frame(context) {
             Poll::Ready(Some(Ok(frame))) => {
-                self.stall.as_mut().map(Stall::reset);
+                self.waits = false;
                 Poll::Ready(Some(self.count(&frame).map(|()| frame)))
             }
             Poll::Ready(Some(Err(error))) => Poll::Ready(Some(Err(UploadError::Broken(error)))),
@@ -156,8 +188,12 @@ impl HttpBody for Upload {
                 Poll::Ready(None)
             }
             Poll::Pending => {
-                let timeout = self.timeout;
+                let (timeout, began) = (self.timeout, !std::mem::replace(&mut self.waits, true));
                 let stall = self.stall.get_or_insert_with(|| Stall::new(timeout));
+                // The client's time, not that of whoever takes what it sends.
+                if began {
+                    stall.reset();
+                }
                 stall.poll(context).map(|()| Some(Err(UploadError::Stalled)))
             }
         }
@@ -186,7 +222,7 @@ impl Drop for Upload {
 impl From<&UploadError> for Failure {
     fn from(error: &UploadError) -> Self {
         match error {
-            UploadError::TooLarge { limit } => Self::body_too_large(*limit),
+            UploadError::TooLarge { limit, setting } => Self::too_large(*limit, setting),
             UploadError::Refused(refusal) => (*refusal).into(),
             UploadError::Stalled => Self::new(
                 FailureKind::TimedOut,

@@ -19,12 +19,18 @@ pub(crate) enum Scope {
     Estimate,
     /// New references.
     Calibrate,
+    /// Objects that come and go.
+    Objects,
     /// Metrics and the log level.
     Admin,
 }
 
-const SCOPES: [(&str, Scope); 3] =
-    [("estimate", Scope::Estimate), ("calibrate", Scope::Calibrate), ("admin", Scope::Admin)];
+const SCOPES: [(&str, Scope); 4] = [
+    ("estimate", Scope::Estimate),
+    ("calibrate", Scope::Calibrate),
+    ("objects", Scope::Objects),
+    ("admin", Scope::Admin),
+];
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// A file of tokens that cannot be used.
@@ -123,7 +129,7 @@ impl Token {
         let (hash, scopes) = line.split_once(char::is_whitespace).ok_or("it has no scopes")?;
         let scope = |name: &str| {
             let known = SCOPES.iter().find(|(known, _)| *known == name.trim());
-            let refusal = || format!("unknown scope {:?}; use estimate, calibrate and admin", name.trim());
+            let refusal = || format!("unknown scope {:?}; use estimate, calibrate, objects and admin", name.trim());
             known.map(|(_, scope)| *scope).ok_or_else(refusal)
         };
         let sha256 = of_hex(hash).ok_or("it does not begin with 64 hexadecimal digits")?;

@@ -28,6 +28,7 @@ pub(crate) enum FailureKind {
     UnknownObject,
     NotCalibrated,
     Unmeasurable,
+    InvalidBundle,
     Unauthenticated,
     Forbidden,
     NotFound,
@@ -49,6 +50,7 @@ impl FailureKind {
             Self::UnknownObject => "unknown_object",
             Self::NotCalibrated => "not_calibrated",
             Self::Unmeasurable => "unmeasurable",
+            Self::InvalidBundle => "invalid_bundle",
             Self::Unauthenticated => "unauthenticated",
             Self::Forbidden => "forbidden",
             Self::NotFound => "not_found",
@@ -75,8 +77,13 @@ impl Failure {
         Self::new(FailureKind::InvalidRequest, message)
     }
 
+    /// Of a body that is held to the setting of this name.
+    pub(crate) fn too_large(limit: usize, setting: &str) -> Self {
+        Self::new(FailureKind::TooLarge, format!("the body exceeds the limit of {limit} bytes ('{setting}')"))
+    }
+
     pub(crate) fn body_too_large(limit: usize) -> Self {
-        Self::new(FailureKind::TooLarge, format!("the body exceeds the limit of {limit} bytes ('max_body_bytes')"))
+        Self::too_large(limit, "max_body_bytes")
     }
 
     pub(crate) fn unknown_camera(id: &str, cameras: &Cameras) -> Self {

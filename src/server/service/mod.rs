@@ -1,13 +1,16 @@
 //! What the server can do, for every front end: HTTP and gRPC translate, call this, and translate back.
 
 mod access;
+mod allowed_changes;
 mod boxes;
 mod cameras;
+mod change;
 mod estimate;
 mod failure;
 mod limits;
 mod memory;
 mod metrics;
+mod object_changes;
 mod objects;
 mod options;
 mod readiness;
@@ -19,6 +22,7 @@ mod status;
 mod track;
 mod views;
 mod watch;
+mod watch_models;
 
 pub(crate) use access::{Access, AccessError, Scope};
 pub(crate) use boxes::RequestedBox;
@@ -35,3 +39,4 @@ pub(crate) use state::{Answered, LoadFailure, Service};
 pub(crate) use status::StatusSnapshot;
 pub(crate) use track::{TrackedStream, Tracking};
 pub(crate) use views::{ViewCamera, ViewCameras, ViewsAnswer, ViewsRequest, ViewsWork};
+pub(crate) use watch_models::watch_models;

@@ -1,5 +1,6 @@
 //! What serves until the end, and what is served now.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -7,13 +8,14 @@ use std::time::Duration;
 use thiserror::Error;
 
 use super::access::Access;
+use super::allowed_changes::AllowedChanges;
 use super::cameras::{CameraFolderError, Cameras};
 use super::limits::{Connections, Limits, Memory};
 use super::metrics::Metrics;
 use super::recent::Recent;
 use super::watch;
 use crate::estimator::{Estimator, Queue, StartError};
-use crate::model::{Backend as _, Catalogue, Current, Library, LoadError, Provider, References, Runtime};
+use crate::model::{Backend as _, Catalogue, Current, Library, LoadError, Provider, References, Runtime, StoreError};
 use crate::server::settings::Config;
 
 /// The loaded models with the queue before them, and what is counted of it.
@@ -22,6 +24,13 @@ pub(crate) struct Service {
     pub(super) current: Arc<Current>,
     /// Held by whoever changes what is served.
     pub(super) changing: Arc<tokio::sync::Mutex<()>>,
+    pub(super) runtime: Arc<Runtime>,
+    /// Where the models lie.
+    pub(super) models: PathBuf,
+    /// Whether changes there are served.
+    pub(super) watch: bool,
+    /// There where clients may change objects.
+    pub(super) object_changes: Option<AllowedChanges>,
     pub(super) cameras: Cameras,
     pub(crate) provider: Provider,
     pub(crate) limits: Limits,
@@ -57,6 +66,8 @@ pub(crate) enum LoadFailure {
     #[error(transparent)]
     Load(#[from] LoadError),
     #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
     Start(#[from] StartError),
 }
 
@@ -65,19 +76,23 @@ impl Service {
     /// take in all.
     pub(crate) fn load(config: &Config, connections: Connections, access: Access) -> Result<Self, LoadFailure> {
         let cameras = config.cameras.as_deref().map(Cameras::read).transpose()?.unwrap_or_default();
-        let library = Arc::new(Library::load(&config.models)?.with_ok_probability(config.ok_probability));
+        let object_changes = config.object_changes.then(|| AllowedChanges::at(&config.models)).transpose()?;
+        let may_be_empty = config.object_changes || config.watch;
+        let load = if may_be_empty { Library::load_or_empty } else { Library::load };
+        let library = Arc::new(load(&config.models)?.with_ok_probability(config.ok_probability));
         let references = Arc::new(References::load_usable(&config.reference, &library).map_err(LoadError::from)?);
         if config.recalibration {
             references.check_writable().map_err(LoadError::from)?;
         }
         tell_what_is_served(&library, &references, config);
         let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
+        let runtime = Arc::new(runtime);
         let provider = runtime.provider();
         let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers as u64;
         let current = Arc::new(Current::new(Arc::new(Catalogue { library, references })));
         watch::references(&current);
-        let of_workers = Arc::clone(&current);
-        let queue = Queue::start(config.queue(), move || Estimator::of(of_workers.get(), &runtime))?;
+        let of_workers = (Arc::clone(&current), Arc::clone(&runtime));
+        let queue = Queue::start(config.queue(), move || Estimator::of(of_workers.0.get(), &*of_workers.1))?;
         let limits = Limits::new(config);
         let memory = Memory::new(config, working_bytes, connections);
         let metrics = Metrics::new(queue.clone(), memory.clone());
@@ -88,6 +103,10 @@ impl Service {
             queue,
             current,
             changing: Arc::default(),
+            runtime,
+            models: config.models.clone(),
+            watch: config.watch,
+            object_changes,
             cameras,
             provider,
             limits,
@@ -111,7 +130,7 @@ impl Service {
         }
         let Catalogue { library, references } = &*self.catalogue();
         let mut objects = library.known();
-        let may_come = self.recalibration.is_some();
+        let may_come = self.recalibration.is_some() || self.object_changes.is_some() || self.watch;
         if !objects.any(|object| references.get(&object.manifest.name).is_some()) && !may_come {
             return Err("no object is calibrated; run `posed calibrate`");
         }

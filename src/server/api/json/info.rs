@@ -104,6 +104,8 @@ pub(crate) struct LimitsReport {
     max_body_bytes: usize,
     /// Maximum size of the part `request` of a form.
     max_json_bytes: usize,
+    /// Maximum size of the bundle of an object.
+    max_bundle_bytes: usize,
     /// Maximum width and height of an image.
     max_side_px: u32,
     /// Maximum number of pixels of an image.
@@ -135,6 +137,8 @@ pub(crate) struct LimitsReport {
     exif_orientation: OrientationPolicy,
     /// Whether `PUT /v1/objects/{name}/reference` is on.
     recalibration: bool,
+    /// Whether `PUT` and `DELETE /v1/objects/{name}` are on.
+    object_changes: bool,
     memory: MemoryReport,
 }
 
@@ -143,7 +147,7 @@ pub(crate) struct LimitsReport {
 pub(crate) struct MemoryReport {
     /// Sum of the following.
     bound_bytes: u64,
-    /// Resident memory after the start, with all networks loaded.
+    /// Resident memory after the start, or the last change of objects, with all networks loaded.
     warm_bytes: u64,
     /// Request bodies (twice `queue_bytes`: forms are copied once).
     bodies_bytes: u64,
@@ -153,6 +157,8 @@ pub(crate) struct MemoryReport {
     workers_bytes: u64,
     /// Connection buffers (`max_connections`).
     connections_bytes: u64,
+    /// An object that is being added (several times `max_bundle_bytes`). 0 without `object_changes`.
+    object_changes_bytes: u64,
 }
 
 impl LimitsReport {
@@ -161,6 +167,7 @@ impl LimitsReport {
         Self {
             max_body_bytes: limits.max_body_bytes,
             max_json_bytes: MAX_JSON_BYTES,
+            max_bundle_bytes: limits.max_bundle_bytes,
             max_side_px: limits.max_side_px,
             max_pixels: limits.max_pixels,
             max_batch_images: limits.max_batch_images,
@@ -176,6 +183,7 @@ impl LimitsReport {
             raw_encodings: RawEncoding::ALL.iter().map(ToString::to_string).collect(),
             exif_orientation: limits.exif_orientation,
             recalibration: limits.recalibration,
+            object_changes: limits.object_changes,
             memory: memory.into(),
         }
     }
@@ -189,6 +197,7 @@ impl From<&MemoryBound> for MemoryReport {
             pixels_bytes,
             workers_bytes,
             connections_bytes,
+            object_changes_bytes,
         } = *bound;
         Self {
             bound_bytes: bound.total_bytes(),
@@ -197,6 +206,7 @@ impl From<&MemoryBound> for MemoryReport {
             pixels_bytes,
             workers_bytes,
             connections_bytes,
+            object_changes_bytes,
         }
     }
 }
