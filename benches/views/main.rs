@@ -53,7 +53,8 @@ async fn measure() {
             single.push(one_by_one);
         }
     }
-    let ratio = |others: &[f64]| median(&views.iter().zip(others).map(|(views, other)| views / other).collect::<Vec<_>>());
+    let ratio =
+        |others: &[f64]| median(&views.iter().zip(others).map(|(views, other)| views / other).collect::<Vec<_>>());
     println!("| three 640x480 JPEGs, medians of {ROUNDS} rounds | ms | views take |\n|---|---|---|");
     println!("| their networks alone | {:.1} | {:.3} of it |", median(&networks), ratio(&networks));
     println!("| three times `POST /v1/poses` | {:.1} | {:.3} of it |", median(&single), ratio(&single));

@@ -10,9 +10,8 @@ use image::ImageFormat;
 use super::boxes::Boxes;
 use super::models::ModelArgs;
 use crate::estimator::{
-    Answer, CallerFrames, Estimate as PoseEstimate, Estimator, Frame, FusedPose, ObjectPose, PosedCamera, Selection, ViewsPicture,
-    cameras_are_meant,
-    fuse,
+    Answer, CallerFrames, Estimate as PoseEstimate, Estimator, Frame, FusedPose, PosedCamera, Selection, ViewsPicture,
+    cameras_are_meant, fuse,
 };
 use crate::model::{Rig, RigCamera, read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext, ViewsReport};

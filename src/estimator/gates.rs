@@ -122,11 +122,7 @@ fn solved_pose(
         outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
-        observed: Observed {
-            pixels: prediction.pixels.clone(),
-            covariances: prediction.covariances.clone(),
-            modes,
-        },
+        observed: Observed { pixels: prediction.pixels.clone(), covariances: prediction.covariances.clone(), modes },
         keypoints_scale: offset.keypoints_scale,
         evidence: judged.evidence,
         probability: judged.probability,

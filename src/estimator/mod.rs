@@ -59,7 +59,7 @@ pub use stats::Stats;
 pub use update::{Update, UpdateError};
 pub use verdict::{Reason, Reasons, Verdict};
 pub use views::{
-    CamerasError, FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, cameras_are_meant, fit_keypoints_scale,
-    fuse,
+    CamerasError, FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, cameras_are_meant,
+    fit_keypoints_scale, fuse,
 };
 pub use worker::StartError;

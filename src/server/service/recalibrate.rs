@@ -78,7 +78,7 @@ impl Service {
         let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
         // A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it stays.
         let keypoints_scale =
-            self.references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
+            self.catalogue().references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
         for (view, (_, camera_from_object)) in views.into_iter().zip(stated) {

@@ -12,7 +12,8 @@ use super::failure::{Failure, FailureKind};
 use super::options::{CameraChoice, Options, PoseRequest};
 use super::state::Service;
 use crate::estimator::{
-    Answer, BodyLease, CamerasError, Estimate, FusedPose, PixelLease, PosedCamera, ViewsPicture, cameras_are_meant, fuse,
+    Answer, BodyLease, CamerasError, Estimate, FusedPose, PixelLease, PosedCamera, ViewsPicture, cameras_are_meant,
+    fuse,
 };
 use crate::vision::Image;
 

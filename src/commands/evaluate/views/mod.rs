@@ -19,8 +19,8 @@ use crate::estimator::{Estimate, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
 use crate::model::Library;
 use crate::vision::{DecodeOptions, read_image};
-use posed_core::geometry::Covariance6;
 use instances::Instance;
+use posed_core::geometry::Covariance6;
 use score::{Outcome, Row};
 
 /// The same subsets every time.

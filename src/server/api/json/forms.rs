@@ -12,7 +12,7 @@ use crate::server::service::{CameraChoice, Failure, RequestedBox};
 use crate::vision::{RawError, RawLayout};
 
 /// A pose in a request.
-#[derive(Clone, Copy, Debug, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, serde::Deserialize, serde::Serialize)]
 #[serde(from = "PoseFile")]
 pub(crate) struct PoseForm {
     rotation_xyzw: [f64; 4],

@@ -4,7 +4,7 @@ use posed_core::geometry::Camera;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::forms::{CameraForm, PoseForm};
+use super::forms::{CameraForm, PoseForm, PoseSchema};
 use crate::model::{PoseFile, Rig, RigCamera};
 
 /// Cameras that are fixed to each other, as in the file of the rig. Cameras that the file names are written out.
@@ -21,6 +21,7 @@ pub(crate) struct RigReport {
 struct RigCameraReport {
     #[schema(value_type = CameraForm)]
     camera: Camera,
+    #[schema(value_type = PoseSchema)]
     rig_from_camera: PoseForm,
     /// Of `rig_from_camera`, along the axes of the rig. Absent if the file states none: standard deviations of 1 mm and 0.1 degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -37,7 +38,7 @@ impl From<&RigCamera> for RigCameraReport {
     fn from(camera: &RigCamera) -> Self {
         Self {
             camera: camera.camera.clone(),
-            rig_from_camera: (&PoseFile::from(&camera.rig_from_camera)).into(),
+            rig_from_camera: PoseFile::from(&camera.rig_from_camera).into(),
             covariance: camera.covariance.map(|covariance| covariance.transpose().into()),
         }
     }
