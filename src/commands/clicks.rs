@@ -58,9 +58,11 @@ fn usual_click_error() -> f64 {
 pub(super) fn known(path: &Path, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {
     let file = path.display();
     let wrong = |error: serde_json::Error| format!("{file}: {error}");
-    let pairs: Vec<Pair> = match read_json(path)? {
-        list @ Value::Array(_) => serde_json::from_value(list).map_err(wrong)?,
-        one => vec![serde_json::from_value(one).map_err(wrong)?],
+    let value: Value = read_json(path)?;
+    let pairs: Vec<Pair> = if value.is_array() {
+        serde_json::from_value(value).map_err(wrong)?
+    } else {
+        vec![serde_json::from_value(value).map_err(wrong)?]
     };
     if pairs.is_empty() {
         return Err(format!("{file}: no pair of images").into());

@@ -142,9 +142,8 @@ impl Workers {
     fn wait(&self, estimator: &mut Estimator, updates: &mut Receiver<Update>) -> Option<Job> {
         loop {
             crossbeam_channel::select! {
-                recv(self.jobs) -> slot => match slot.ok()?.take() {
-                    Some(job) => return Some(job),
-                    None => {}
+                recv(self.jobs) -> slot => if let Some(job) = slot.ok()?.take() {
+                    return Some(job);
                 },
                 recv(updates) -> update => match update {
                     Ok(update) => estimator.adopt(update),

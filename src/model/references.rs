@@ -154,12 +154,11 @@ impl References {
             }
             Err(error) => {
                 let mut by_object = self.by_object.write().unwrap_or_else(PoisonError::into_inner);
-                match by_object.get_mut(&object.manifest.name) {
-                    Some(entry) => entry.file = file,
-                    None => {
-                        let state = State::Unusable(error.to_string());
-                        by_object.insert(object.manifest.name.clone(), Entry { state, file });
-                    }
+                if let Some(entry) = by_object.get_mut(&object.manifest.name) {
+                    entry.file = file;
+                } else {
+                    let state = State::Unusable(error.to_string());
+                    by_object.insert(object.manifest.name.clone(), Entry { state, file });
                 }
                 Err(error)
             }

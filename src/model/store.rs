@@ -83,6 +83,8 @@ impl Store {
     pub fn put(&self, staged: Staged, name: &str) -> Result<(), StoreError> {
         let home = self.home(name);
         let swapped = sync_folders(&staged.folder).and_then(|()| swap(&staged, &home));
+        // With it goes what was there before.
+        drop(staged);
         swapped.and_then(|()| sync(&self.models)).map_err(|source| StoreError::Swap { path: home, source })
     }
 

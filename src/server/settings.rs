@@ -26,6 +26,7 @@ const BYTES_PER_PIXEL: u64 = 16;
 
 /// The settings. Their comments are the texts of `--help` and `--print-config`.
 #[derive(Args, Clone, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "settings, each for itself")]
 pub struct Config {
     /// Address of the HTTP API. `[::]` is every interface, IPv4 and IPv6; IPv4 alone where the system has no IPv6.
     #[arg(long, env = "POSED_HTTP", default_value = "[::]:8080", help_heading = LISTEN)]

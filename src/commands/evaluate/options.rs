@@ -36,6 +36,7 @@ pub(super) struct WorkArgs {
 
 /// Images and boxes.
 #[derive(Args, Clone, Debug)]
+#[allow(clippy::struct_excessive_bools, reason = "flags of a command line")]
 pub(super) struct SplitArgs {
     /// BOP split or LINEMOD data folder: scene folders with their ground truth. Or one scene folder. Repeat it for several.
     #[arg(long = "split", value_name = "DIR", required = true)]

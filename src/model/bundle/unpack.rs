@@ -35,10 +35,12 @@ pub fn unpack(bundle: impl Read, folder: &Path, limit: u64) -> Result<BundleMani
         let mut entry = entry.map_err(BundleError::Tar)?;
         let name = name_of(&entry);
         let refused = |problem: &str| BundleError::Entry { name: name.clone(), problem: problem.into() };
-        match entry.header().entry_type() {
-            EntryType::Directory if FOLDERS.contains(&name.as_str()) => continue,
-            EntryType::Regular => {}
-            other => return Err(refused(&format!("is no regular file ({other:?}); write the tar file as 'ustar'"))),
+        let kind = entry.header().entry_type();
+        if kind == EntryType::Directory && FOLDERS.contains(&name.as_str()) {
+            continue;
+        }
+        if kind != EntryType::Regular {
+            return Err(refused(&format!("is no regular file ({kind:?}); write the tar file as 'ustar'")));
         }
         let stated = manifest.files.get(&name).ok_or_else(|| refused("is not in bundle.json"))?;
         if !written.insert(name.clone()) {

@@ -81,10 +81,19 @@ impl Service {
         let manifest = unpack(bundle, &folder, self.limits.max_bundle_bytes as u64).map_err(|error| match error {
             BundleError::Write { .. } => not_written(&error),
             BundleError::TooLarge { bytes, limit } => {
-                let message = format!("the files have {bytes} bytes, more than {limit} ('max_bundle_bytes')");
+                let message = format!(
+                    "the files have {bytes} bytes, which exceeds the limit of {limit} bytes ('max_bundle_bytes')"
+                );
                 Failure::new(FailureKind::TooLarge, message)
             }
-            _ => refused(error.to_string()),
+            BundleError::Tar(_)
+            | BundleError::NotFirst(_)
+            | BundleError::Json(_)
+            | BundleError::Field { .. }
+            | BundleError::Version { .. }
+            | BundleError::Entry { .. }
+            | BundleError::Missing { .. }
+            | BundleError::Trailing => refused(error.to_string()),
         })?;
         if manifest.name != name {
             return Err(refused(format!("the bundle is of object {:?}, but the path says {name:?}", manifest.name)));
@@ -94,7 +103,9 @@ impl Service {
             ChangeError::Abandoned => {
                 Failure::new(FailureKind::TimedOut, "the networks of the object took too long to load and run")
             }
-            _ => refused(error.to_string()),
+            ChangeError::Candidate(_) | ChangeError::Load(_) | ChangeError::Reference(_) | ChangeError::Networks(_) => {
+                refused(error.to_string())
+            }
         };
         let candidate = load_candidate(&folder, &store.home(name), name, &*self.runtime);
         let object = candidate.map_err(|error| of_change(error.into()))?;
