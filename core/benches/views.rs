@@ -7,7 +7,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 use posed_core::geometry::{Camera, Pose, Symmetries};
 use posed_core::pnp::{self, solve};
-use posed_core::views::{Mode, View, ViewsOptions, solve_views};
+use posed_core::views::{Mode, Reading, View, ViewsOptions, solve_views};
 use rand::rngs::SmallRng;
 use rand::{RngExt as _, SeedableRng as _};
 
@@ -17,22 +17,14 @@ const POINTS: usize = 14;
 
 struct Seen {
     world_from_camera: Pose,
-    pixels: Vec<Vector2<f64>>,
+    readings: Vec<Reading>,
     modes: Vec<Mode>,
 }
 
 impl Seen {
-    fn view<'a>(&'a self, camera: &'a Camera, covariances_px: &'a [Matrix2<f64>]) -> View<'a> {
-        let Self { world_from_camera, pixels, modes } = self;
-        View {
-            camera,
-            world_from_camera: *world_from_camera,
-            camera_covariance: None,
-            pixels,
-            covariances_px,
-            modes,
-            trust: 1.0,
-        }
+    fn view<'a>(&'a self, camera: &'a Camera) -> View<'a> {
+        let Self { world_from_camera, readings, modes } = self;
+        View { camera, world_from_camera: *world_from_camera, camera_covariance: None, readings, modes, trust: 1.0 }
     }
 }
 
@@ -46,11 +38,12 @@ fn scene(rng: &mut SmallRng, camera: &Camera, points: &[Vector3<f64>], views: us
             camera.project(&camera_from_points.transform(point)).expect("in front of the camera") + error
         };
         let pixels: Vec<_> = points.iter().map(pixel).collect();
-        let covariances = [Matrix2::identity(); POINTS];
+        let covariances = vec![Matrix2::identity(); POINTS];
         let alone = solve(points, &pixels, &covariances, camera, &pnp::Options::default()).expect("a pose");
         // As where a view's errors are known to be larger than its points say, along each axis by 1.7.
         let modes = Mode::all_of(&alone).iter().map(|mode| mode.with_covariance(&(mode.covariance * 2.9))).collect();
-        Seen { world_from_camera: camera_from_points.inverse(), pixels, modes }
+        let readings = vec![Reading { pixels, covariances_px: covariances }];
+        Seen { world_from_camera: camera_from_points.inverse(), readings, modes }
     };
     (0..views).map(view).collect()
 }
@@ -58,7 +51,6 @@ fn scene(rng: &mut SmallRng, camera: &Camera, points: &[Vector3<f64>], views: us
 fn solving(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("views");
     let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).expect("a camera");
-    let covariances = [Matrix2::identity(); POINTS];
     let symmetries = Symmetries::default();
     for views in [2, 3, 8, 16] {
         let mut rng = SmallRng::seed_from_u64(views as u64);
@@ -70,8 +62,7 @@ fn solving(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(format!("{views} views of {POINTS} points")), |bencher| {
             bencher.iter(|| {
                 next = (next + 1) % SCENES;
-                let views: Vec<_> =
-                    black_box(&scenes[next]).iter().map(|seen| seen.view(&camera, &covariances)).collect();
+                let views: Vec<_> = black_box(&scenes[next]).iter().map(|seen| seen.view(&camera)).collect();
                 solve_views(&points, &views, &symmetries, &options)
             });
         });

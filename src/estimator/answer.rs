@@ -7,7 +7,7 @@ use thiserror::Error;
 use crate::model::{Catalogue, Evidence, RuntimeError};
 use posed_core::geometry::{Camera, CameraError, Covariance6, Pose, rotated_covariance};
 use posed_core::pnp::{PnpError, Status};
-use posed_core::views::Mode;
+use posed_core::views::{Mode, Reading};
 
 use super::hint::Hint;
 use super::verdict::Verdict;
@@ -250,9 +250,8 @@ impl SolvedPose {
 /// What one image says of an object, in frame `keypoints` and without the offset's uncertainty, which all images share.
 #[derive(Clone, Debug, Default)]
 pub struct Observed {
-    /// Where the network sees the virtual keypoints, with covariances: image pixels.
-    pub pixels: Vec<Vector2<f64>>,
-    pub covariances: Vec<Matrix2<f64>>,
+    /// Where the network sees the virtual keypoints, image pixels: of each answer that it leaves open.
+    pub readings: Vec<Reading>,
     /// The poses `camera_from_keypoints` that explain it, best first.
     pub modes: Vec<Mode>,
 }

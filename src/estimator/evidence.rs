@@ -4,9 +4,9 @@ use image::RgbImage;
 use nalgebra::{Matrix3, Vector3};
 use posed_core::geometry::{Camera, Covariance6};
 use posed_core::pnp::Solution;
-use posed_core::views::Mode;
+use posed_core::views::{Mode, Reading};
 
-use super::answer::{Detection, KeypointPrediction};
+use super::answer::{Detection, KeypointPrediction, Observed};
 use crate::model::{Evidence, KeypointManifest};
 use crate::vision::BoundingBox;
 
@@ -53,23 +53,26 @@ impl Judgement {
         self.factors.map_or(*own, |factors| scaled_covariance(own, solution.pose.translation(), factors))
     }
 
-    /// The solver's poses, for fusing them with those of other views.
-    pub(super) fn modes(&self, solution: &Solution) -> Vec<Mode> {
-        modes_with_factors(solution, self.factors.unwrap_or(UNJUDGED))
+    /// What an image says, for fusing it with others. The solution has its covariance from the solver.
+    pub(super) fn observed(&self, solution: &Solution, readings: Vec<Reading>) -> Observed {
+        observed(solution, readings, self.factors.unwrap_or(UNJUDGED))
     }
 }
 
-/// As [`Judgement::modes`], where nothing is known but the solution.
-pub(super) fn unjudged_modes(solution: &Solution) -> Vec<Mode> {
-    modes_with_factors(solution, UNJUDGED)
+/// As [`Judgement::observed`], where nothing is known but the solution.
+pub(super) fn unjudged(solution: &Solution, readings: Vec<Reading>) -> Observed {
+    observed(solution, readings, UNJUDGED)
 }
 
-fn modes_with_factors(solution: &Solution, factors: [f64; 3]) -> Vec<Mode> {
-    let honest = |mode: Mode| {
-        let place = mode.camera_from_points.translation();
-        mode.with_covariance(&scaled_covariance(&mode.covariance, place, factors))
+fn observed(solution: &Solution, readings: Vec<Reading>, factors: [f64; 3]) -> Observed {
+    let honest = |(place, mode): (usize, Mode)| {
+        let covariance = scaled_covariance(&mode.covariance, mode.camera_from_points.translation(), factors);
+        // A second reading is that of the first alternative.
+        let reading = usize::from(place == 1 && readings.len() > 1);
+        Mode { reading, ..mode.with_covariance(&covariance) }
     };
-    Mode::all_of(solution).into_iter().map(honest).collect()
+    let modes = Mode::all_of(solution).into_iter().enumerate().map(honest).collect();
+    Observed { readings, modes }
 }
 
 fn gather(

@@ -11,7 +11,6 @@ use crate::vision::box_corners;
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
 use posed_core::pnp::{Solution, Status};
-use posed_core::views::Mode;
 
 /// A median peak (probability mass about a keypoint) below this says that the network is guessing.
 const MIN_MEDIAN_PEAK: f64 = 0.25;
@@ -52,15 +51,16 @@ pub(super) fn object_pose(
         verdict.object(Reason::NotFinite, Status::Rejected);
         return answer(verdict, None);
     }
-    let Ok(Solved { mut solution, has_rival }) = solve(manifest, prediction, camera, offset.keypoints_scale) else {
+    let Ok(Solved { mut solution, has_rival, readings }) = solve(manifest, prediction, camera, offset.keypoints_scale)
+    else {
         let mut verdict = Verdict::default();
         verdict.object(Reason::NoPose, Status::Rejected);
         return answer(verdict, None);
     };
     let judged = evidence::judge(manifest, &detection, prediction, &solution, image, camera);
-    let modes = judged.modes(&solution);
+    let observed = judged.observed(&solution, readings);
     solution.covariance = judged.covariance(&solution);
-    let pose = solved_pose(model, offset, &solution, prediction, modes, &judged);
+    let pose = solved_pose(model, offset, &solution, prediction, observed, &judged);
     let mut verdict = Verdict::of(&solution);
     if has_rival {
         verdict.object(Reason::TwoAnswers, Status::Ambiguous);
@@ -94,7 +94,7 @@ fn solved_pose(
     offset: &Offset,
     solution: &Solution,
     prediction: &KeypointPrediction,
-    modes: Vec<Mode>,
+    observed: Observed,
     judged: &Judgement,
 ) -> SolvedPose {
     let in_user_frame = |pose: &Pose, covariance: &Covariance6| {
@@ -104,7 +104,9 @@ fn solved_pose(
     let (camera_from_object, covariance) = in_user_frame(&solution.pose, &solution.covariance);
     let lever = camera_from_object.translation() - solution.pose.translation();
     let alternatives = solution.alternatives.iter().flatten().filter(|a| a.weight > MIN_ALTERNATIVE_WEIGHT);
-    let keypoints = prediction.pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
+    // Those peaks that the pose rests on.
+    let pixels = observed.readings.first().map_or(&prediction.pixels, |reading| &reading.pixels);
+    let keypoints = pixels.iter().zip(&prediction.peaks).zip(solution.residuals());
     SolvedPose {
         camera_from_object,
         camera_from_keypoints: solution.pose,
@@ -122,7 +124,7 @@ fn solved_pose(
         outside_lens: solution.residuals().iter().filter(|residual| residual.outside_lens).count(),
         alternatives: alternatives.map(|a| (in_user_frame(&a.pose, &a.covariance).0, a.weight)).collect(),
         weight: solution.weight,
-        observed: Observed { pixels: prediction.pixels.clone(), covariances: prediction.covariances.clone(), modes },
+        observed,
         keypoints_scale: offset.keypoints_scale,
         evidence: judged.evidence,
         probability: judged.probability,

@@ -7,6 +7,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed_core::geometry::{Camera, Pose};
 use posed_core::pnp::{self, Alternative, Options, PnpError, Solution, Status};
+use posed_core::views::Reading;
 
 use super::answer::{KeypointPrediction, SecondPeaks};
 use crate::model::KeypointManifest;
@@ -20,6 +21,8 @@ const MIN_SECOND: usize = 5;
 pub(super) struct Solved {
     pub solution: Solution,
     pub has_rival: bool,
+    /// The peaks that the pose rests on; and those of the first alternative, where these are others.
+    pub readings: Vec<Reading>,
 }
 
 /// The pose of the keypoints as large as a reference says, `camera_from_keypoints`. Where second peaks show another one that
@@ -32,11 +35,11 @@ pub(super) fn solve(
 ) -> Result<Solved, PnpError> {
     let points = manifest.keypoints_scaled_by(keypoints_scale);
     let options = Options::default();
-    let single = |solution| Solved { solution, has_rival: false };
     let both =
         |second: &&SecondPeaks| second.weights.iter().filter(|weight| **weight >= MIN_WEIGHT).count() >= MIN_SECOND;
     let Some(second) = prediction.second.as_ref().filter(both) else {
-        return pnp::solve(&points, &prediction.pixels, &prediction.covariances, camera, &options).map(single);
+        let solution = pnp::solve(&points, &prediction.pixels, &prediction.covariances, camera, &options)?;
+        return Ok(Solved { solution, has_rival: false, readings: vec![first_reading(prediction)] });
     };
     let covariances = of_single_peaks(prediction, second, &manifest.covariance_scale);
     let solve =
@@ -45,7 +48,10 @@ pub(super) fn solve(
     let first = solve(&Choice(vec![false; points.len()]))?;
     let choice = suiting(&first.pose);
     let own = if choice.is_first() { first } else { solve(&choice)? };
+    let reading =
+        |choice: &Choice| Reading { pixels: choice.pixels(prediction, second), covariances_px: covariances.clone() };
     let choice = suiting(&own.pose);
+    let single = |solution| Solved { solution, has_rival: false, readings: vec![reading(&choice)] };
     let Ok(rival) = solve(&choice.other(second)) else { return Ok(single(own)) };
     let rival_choice = suiting(&rival.pose);
     if rival.doubts.few_inliers || rival_choice.differing(&choice) < MIN_SECOND {
@@ -53,9 +59,18 @@ pub(super) fn solve(
     }
     let masses = [choice.mass(&own, second), rival_choice.mass(&rival, second)];
     let share = masses[1] / (masses[0] + masses[1]);
-    let (better, worse, share) = if share > 0.5 { (rival, own, 1.0 - share) } else { (own, rival, share) };
+    let own = (own, reading(&choice));
+    let rival = (rival, reading(&rival_choice));
+    let ((better, of_better), (worse, of_worse), share) =
+        if share > 0.5 { (rival, own, 1.0 - share) } else { (own, rival, share) };
     let has_rival = share > options.max_alternative_weight;
-    Ok(Solved { solution: with_rival(better, &worse, share, has_rival), has_rival })
+    let solution = with_rival(better, &worse, share, has_rival);
+    Ok(Solved { solution, has_rival, readings: vec![of_better, of_worse] })
+}
+
+/// The first peaks.
+pub(super) fn first_reading(prediction: &KeypointPrediction) -> Reading {
+    Reading { pixels: prediction.pixels.clone(), covariances_px: prediction.covariances.clone() }
 }
 
 fn with_rival(mut better: Solution, worse: &Solution, share: f64, has_rival: bool) -> Solution {

@@ -91,6 +91,15 @@ fn two_answers_are_both_given_with_the_shares_of_their_peaks() {
     assert!((weight - 1.0 / 3.0).abs() < 0.02, "{weight}");
     let solved = answer.pose.unwrap();
     assert!((solved.weight - 2.0 / 3.0).abs() < 0.02, "{}", solved.weight);
+    // Each is said with the peaks that show it: other views will tell which is right.
+    let observed = &solved.observed;
+    assert_eq!((observed.readings.len(), observed.modes[0].reading, observed.modes[1].reading), (2, 0, 1));
+    for mode in &observed.modes[..2] {
+        for (corner, pixel) in corners().iter().zip(&observed.readings[mode.reading].pixels) {
+            let projected = camera().project(&mode.camera_from_points.transform(corner)).unwrap();
+            assert!((projected - pixel).norm() < 0.5, "{projected} {pixel}");
+        }
+    }
     // As sharp as its peaks are.
     assert!(solved.reprojection_rmse_px < 0.1 && solved.image_covariance[(2, 2)].sqrt() < 0.01);
 }

@@ -31,4 +31,4 @@ pub use associate::{Sighting, associate};
 pub use options::ViewsOptions;
 pub use solution::{Doubts, Exclusion, Scale, ViewFit, ViewsSolution};
 pub use solve::solve_views;
-pub use view::{Mode, View, ViewsError, isotropic_covariance};
+pub use view::{Mode, Reading, View, ViewsError, isotropic_covariance};

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 
 use super::options::ViewsOptions;
-use super::view::{Mode, View, ViewsError};
+use super::view::{Mode, Reading, View, ViewsError};
 use crate::geometry::{
     Covariance6, Pose, Symmetries, block_diagonal, covariance_about, is_covariance, join, rotated_covariance,
 };
@@ -20,7 +20,8 @@ pub(super) struct Body<'a> {
 
 /// A view in the world.
 pub(super) struct Prepared {
-    pub problem: Problem,
+    /// One for each reading.
+    pub problems: Vec<Problem>,
     pub world_from_camera: Pose,
     pub camera_from_world: Pose,
     /// Turns a step along the world's axes to the camera's.
@@ -34,6 +35,7 @@ pub(super) struct Prepared {
 #[derive(Clone, Copy)]
 pub(super) struct Placed {
     pub world_from_centred: Pose,
+    pub reading: usize,
     pub covariance: Covariance6,
     /// The part of it that the view's points have in common.
     pub shared: Covariance6,
@@ -46,7 +48,7 @@ impl Placed {
         let lever = equal.translation() - self.world_from_centred.translation();
         let about = |covariance| covariance_about(covariance, &lever);
         let (covariance, shared) = (about(&self.covariance), about(&self.shared));
-        Self { world_from_centred: *equal, covariance, shared, weight: self.weight }
+        Self { world_from_centred: *equal, covariance, shared, ..*self }
     }
 }
 
@@ -99,8 +101,17 @@ impl Prepared {
         if !is_covariance(&camera_covariance) {
             return Err(ViewsError::CameraCovariance { view: index });
         }
-        let problem = Problem::new(&body.points, view.pixels, view.covariances_px, view.camera, options.floor_px)
-            .map_err(|source| ViewsError::View { view: index, source })?;
+        let readings = view.readings.len();
+        let missing = view.modes.iter().map(|mode| mode.reading).chain([0]).find(|reading| *reading >= readings);
+        if let Some(reading) = missing {
+            return Err(ViewsError::NoReading { view: index, reading, readings });
+        }
+        let problem = |reading: &Reading| {
+            let Reading { pixels, covariances_px } = reading;
+            let problem = Problem::new(&body.points, pixels, covariances_px, view.camera, options.floor_px);
+            problem.map_err(|source| ViewsError::View { view: index, source })
+        };
+        let problems = view.readings.iter().map(problem).collect::<Result<_, _>>()?;
         let world_from_camera = view.world_from_camera;
         let camera_from_world = world_from_camera.inverse();
         let placed = |mode: &Mode| {
@@ -110,13 +121,14 @@ impl Prepared {
                 |covariance| rotated_covariance(world_from_camera.rotation(), &covariance_about(covariance, &lever));
             Placed {
                 world_from_centred: world_from_camera * camera_from_centred,
+                reading: mode.reading,
                 covariance: in_world(&mode.covariance),
                 shared: in_world(&mode.shared),
                 weight: mode.weight.max(f64::MIN_POSITIVE),
             }
         };
         Ok(Self {
-            problem,
+            problems,
             world_from_camera,
             camera_from_world,
             camera_from_world_axes: block_diagonal(camera_from_world.rotation().matrix()),
@@ -139,9 +151,9 @@ impl Prepared {
 
     /// Median distance of the points from where a pose puts them, as a share of how far the points spread in this view;
     /// infinite behind the camera.
-    pub(super) fn misfit(&self, world_from_centred: &Pose) -> f64 {
+    pub(super) fn misfit(&self, reading: usize, world_from_centred: &Pose) -> f64 {
         let camera_from_centred = self.camera_from_world * *world_from_centred;
-        let seen = self.problem.observations();
+        let seen = self.problems[reading].observations();
         let mut distances = Vec::with_capacity(seen.len());
         let mut spread = 0.0;
         let centre = camera_from_centred.translation();

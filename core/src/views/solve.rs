@@ -66,6 +66,16 @@ struct Scene<'a> {
     options: &'a ViewsOptions,
 }
 
+/// A view beside a pose.
+struct Sighted<'v> {
+    /// That of its modes that is nearest.
+    mode: Option<&'v Placed>,
+    /// The reading that this mode explains.
+    reading: usize,
+    /// Moves the view's points to those of the pose that is meant, where the view saw another one that looks the same.
+    meant_from_seen: Option<Pose>,
+}
+
 /// A fit whose members agree with it, and no other view does.
 struct Settled<'a> {
     members: Vec<Member<'a>>,
@@ -98,7 +108,7 @@ impl Scene<'_> {
         let covariance = fit.covariance(&members)?;
         let used = |index: usize| members.iter().any(|member| member.index == index);
         let cost = self.views.iter().enumerate().map(|(index, view)| {
-            let most = view.problem.observations().len() as f64 * INLIER.limit;
+            let most = view.problems[0].observations().len() as f64 * INLIER.limit;
             if used(index) { 0.0 } else { most * view.trust }
         });
         let cost = fit.cost / self.options.tempering + cost.sum::<f64>();
@@ -113,7 +123,7 @@ impl Scene<'_> {
         let member = |(place, index): (usize, &usize)| {
             let view = &self.views[*index];
             let company = rays.iter().filter(|ray| ray.angle(&rays[place]) < ONE_DIRECTION_RAD).count() as f64;
-            let (mode, meant_from_seen) = self.nearest_mode(view, pose);
+            let Sighted { mode, reading, meant_from_seen } = self.sighted(view, pose);
             let mut shared = view.by_camera(pose);
             if let Some(mode) = mode {
                 shared += mode.shared;
@@ -125,35 +135,34 @@ impl Scene<'_> {
             }
             anchored = true;
             let problem = match meant_from_seen {
-                Some(meant_from_seen) => view.problem.moved(&meant_from_seen),
-                None => view.problem.clone(),
+                Some(meant_from_seen) => view.problems[reading].moved(&meant_from_seen),
+                None => view.problems[reading].clone(),
             };
             Member { index: *index, view, problem, shared, share: company.recip() }
         };
         used.iter().enumerate().map(member).collect()
     }
 
-    /// The mode of a view that is nearest to a pose, and what moves the view's points to those of the pose that is meant, where
-    /// the view saw another one that looks the same.
-    fn nearest_mode<'v>(&self, view: &'v Prepared, pose: &Pose) -> (Option<&'v Placed>, Option<Pose>) {
+    /// What a view has to do with a pose.
+    fn sighted<'v>(&self, view: &'v Prepared, pose: &Pose) -> Sighted<'v> {
         let equals = view.modes.iter().map(|mode| (mode, self.body.nearest(&mode.world_from_centred, pose)));
         let nearest = equals.min_by(|(_, a), (_, b)| a.angle_to(pose).total_cmp(&b.angle_to(pose)));
-        let Some((mode, equal)) = nearest else { return (None, None) };
+        let Some((mode, equal)) = nearest else { return Sighted { mode: None, reading: 0, meant_from_seen: None } };
         let is_other = equal != mode.world_from_centred;
-        (Some(mode), is_other.then(|| equal.inverse() * mode.world_from_centred))
+        let meant_from_seen = is_other.then(|| equal.inverse() * mode.world_from_centred);
+        Sighted { mode: Some(mode), reading: mode.reading, meant_from_seen }
     }
 
     fn agrees(&self, view: &Prepared, pose: &Pose) -> bool {
         let limit = MAX_MISFIT + CAMERA_SIGMAS * view.misfit_by_camera(pose, self.body.radius_m);
-        view.misfit(&self.as_seen(view, pose)) < limit
+        let (reading, as_seen) = self.as_seen(view, pose);
+        view.misfit(reading, &as_seen) < limit
     }
 
-    /// The pose that looks like one, as a view calls it.
-    fn as_seen(&self, view: &Prepared, pose: &Pose) -> Pose {
-        match self.nearest_mode(view, pose) {
-            (_, Some(meant_from_seen)) => *pose * meant_from_seen,
-            (_, None) => *pose,
-        }
+    /// The pose that looks like one, as a view calls it, and the reading of the view that suits it.
+    fn as_seen(&self, view: &Prepared, pose: &Pose) -> (usize, Pose) {
+        let Sighted { reading, meant_from_seen, .. } = self.sighted(view, pose);
+        (reading, meant_from_seen.map_or(*pose, |meant_from_seen| *pose * meant_from_seen))
     }
 
     fn assemble(
@@ -231,11 +240,11 @@ impl Scene<'_> {
     ) -> ViewFit {
         let view = &self.views[index];
         let member = settled.members.iter().find(|member| member.index == index);
-        let as_seen = self.as_seen(view, &settled.fit.pose);
+        let (reading, as_seen) = self.as_seen(view, &settled.fit.pose);
         let world_from_points = self.body.with_origin(&as_seen);
         let camera_from_points = view.camera_from_world * world_from_points;
         let (mut sum, mut count) = (0.0, 0.0);
-        for seen in view.problem.observations() {
+        for seen in view.problems[reading].observations() {
             let pixel = camera.project(&camera_from_points.transform(&points[seen.index]));
             let outlier = member.is_some() && seen.mahalanobis_squared(&(view.camera_from_world * as_seen)) > FAR;
             if let (Ok(pixel), Ok(observed), false) = (pixel, camera.project(&seen.image.push(1.0)), outlier) {

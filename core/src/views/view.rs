@@ -16,14 +16,22 @@ pub struct View<'a> {
     ///
     /// [`ViewsOptions::camera_covariance`]: super::ViewsOptions::camera_covariance
     pub camera_covariance: Option<Covariance6>,
-    /// Where it saw the points, in their order.
-    pub pixels: &'a [Vector2<f64>],
-    /// How well it did, px².
-    pub covariances_px: &'a [Matrix2<f64>],
+    /// Where it saw the points: at least one reading. Without modes the first counts.
+    pub readings: &'a [Reading],
     /// The poses that explain this view alone, best first. Without any, the view has no say in where refinement starts.
     pub modes: &'a [Mode],
     /// What its word counts against that of others where they contradict each other, above 0.
     pub trust: f64,
+}
+
+/// Where a view shows the points. One that leaves two answers open, as a network does that sees two peaks of each point, has a
+/// reading for each.
+#[derive(Clone, Debug, Default)]
+pub struct Reading {
+    /// Of the points, in their order.
+    pub pixels: Vec<Vector2<f64>>,
+    /// How well they are known, px².
+    pub covariances_px: Vec<Matrix2<f64>>,
 }
 
 /// A pose that explains one view.
@@ -31,6 +39,8 @@ pub struct View<'a> {
 pub struct Mode {
     /// Where the points are.
     pub camera_from_points: Pose,
+    /// Place of the reading that it explains, among its view's.
+    pub reading: usize,
     /// Of a step along the camera's axes.
     pub covariance: Covariance6,
     /// The part of it that the errors of all points have in common: the view may see the pose off by such a step, and no number of
@@ -41,14 +51,15 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// The pose of a solution and its alternatives, as if the errors of its points were independent.
+    /// The pose of a solution and its alternatives, of the first reading, as if the errors of its points were independent.
     #[must_use]
     pub fn all_of(solution: &Solution) -> Vec<Self> {
         let Solution { pose, covariance, weight, alternatives, .. } = solution;
         let shared = Matrix6::zeros();
-        let first = Self { camera_from_points: *pose, covariance: *covariance, shared, weight: *weight };
+        let first = Self { camera_from_points: *pose, reading: 0, covariance: *covariance, shared, weight: *weight };
         let others = alternatives.iter().flatten().map(|other| Self {
             camera_from_points: other.pose,
+            reading: 0,
             covariance: other.covariance,
             shared,
             weight: other.weight,
@@ -74,6 +85,8 @@ pub enum ViewsError {
     NotFinite { view: usize },
     #[error("view {view}: the covariance of its camera's pose is not symmetric, or has a negative eigenvalue")]
     CameraCovariance { view: usize },
+    #[error("view {view}: a pose of it explains reading {reading}, and it has {readings} readings")]
+    NoReading { view: usize, reading: usize, readings: usize },
     #[error("no view has a pose to start from")]
     NoModes,
     #[error("no pose puts the points in front of the cameras and near their pixels")]

@@ -90,9 +90,9 @@ fn outliers_within_views_are_left_out() {
                 let camera = scene.around();
                 let mut seen = scene.see(&camera, 1.0);
                 for k in 0..3 {
-                    seen.pixels[(4 * view + k) % 14].x += 60.0 * scene.normal();
+                    seen.readings[0].pixels[(4 * view + k) % 14].x += 60.0 * scene.normal();
                 }
-                seen.modes = posed_core::views::Mode::all_of(&scene.solve_alone(&seen.pixels, &seen.covariances));
+                seen.modes = scene.solve_reading(&seen);
                 seen
             })
             .collect();

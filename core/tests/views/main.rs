@@ -4,6 +4,7 @@
 mod association;
 mod contradictions;
 mod exact;
+mod readings;
 mod scale;
 mod scene;
 mod statistics;

@@ -14,7 +14,7 @@ fn measured(test: u64, problem: u64, factor: f64, views: usize) -> Option<Scale>
     scene.points.iter_mut().for_each(|point| *point /= factor);
     let mut seen = seen;
     for one in &mut seen {
-        one.modes = posed_core::views::Mode::all_of(&scene.solve_alone(&one.pixels, &one.covariances));
+        one.modes = scene.solve_reading(one);
     }
     scene.solve(&seen).scale
 }

@@ -3,7 +3,9 @@
 use nalgebra::{Matrix2, Matrix3, Matrix6, Rotation3, Vector2, Vector3, Vector6};
 use posed_core::geometry::{Camera, Covariance6, Pose, Symmetries};
 use posed_core::pnp::{self, Solution};
-use posed_core::views::{Mode, View, ViewsError, ViewsOptions, ViewsSolution, isotropic_covariance, solve_views};
+use posed_core::views::{
+    Mode, Reading, View, ViewsError, ViewsOptions, ViewsSolution, isotropic_covariance, solve_views,
+};
 use rand::rngs::SmallRng;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::{Distribution as _, StandardNormal};
@@ -20,8 +22,7 @@ pub(crate) struct Scene {
 pub(crate) struct Seen {
     pub world_from_camera: Pose,
     pub camera_covariance: Covariance6,
-    pub pixels: Vec<Vector2<f64>>,
-    pub covariances: Vec<Matrix2<f64>>,
+    pub readings: Vec<Reading>,
     pub modes: Vec<Mode>,
 }
 
@@ -69,7 +70,8 @@ impl Scene {
         let pixels: Vec<_> = points.iter().map(pixel).collect();
         let covariances = vec![Matrix2::identity() * (sigma * sigma).max(1e-4); points.len()];
         let modes = Mode::all_of(&self.solve_alone(&pixels, &covariances));
-        Seen { world_from_camera: *stated, camera_covariance: Matrix6::zeros(), pixels, covariances, modes }
+        let readings = vec![Reading { pixels, covariances_px: covariances }];
+        Seen { world_from_camera: *stated, camera_covariance: Matrix6::zeros(), readings, modes }
     }
 
     pub(crate) fn see(&mut self, camera: &Pose, sigma: f64) -> Seen {
@@ -82,13 +84,18 @@ impl Scene {
         pnp::solve(&self.points, pixels, covariances, &self.camera, &options).unwrap()
     }
 
+    /// The only reading.
+    pub(crate) fn solve_reading(&self, seen: &Seen) -> Vec<Mode> {
+        let Reading { pixels, covariances_px } = &seen.readings[0];
+        Mode::all_of(&self.solve_alone(pixels, covariances_px))
+    }
+
     pub(crate) fn view<'a>(&'a self, seen: &'a Seen) -> View<'a> {
         View {
             camera: &self.camera,
             world_from_camera: seen.world_from_camera,
             camera_covariance: Some(seen.camera_covariance),
-            pixels: &seen.pixels,
-            covariances_px: &seen.covariances,
+            readings: &seen.readings,
             modes: &seen.modes,
             trust: 1.0,
         }

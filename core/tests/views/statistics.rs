@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use posed_core::geometry::{Covariance6, Symmetries};
 use posed_core::pnp::Status;
-use posed_core::views::{Mode, isotropic_covariance, solve_views};
+use posed_core::views::{isotropic_covariance, solve_views};
 
 use crate::scene::{Scene, Seen, exact, median, nees};
 
@@ -193,11 +193,12 @@ fn understated_noise_is_found_out() {
             .map(|_| {
                 let camera = scene.around();
                 let mut seen = scene.see(&camera, 0.0);
-                for pixel in &mut seen.pixels {
+                let reading = &mut seen.readings[0];
+                for pixel in &mut reading.pixels {
                     *pixel += Vector2::new(scene.normal(), scene.normal()).normalize() * 1.8;
                 }
-                seen.covariances = vec![Matrix2::identity(); seen.pixels.len()];
-                seen.modes = Mode::all_of(&scene.solve_alone(&seen.pixels, &seen.covariances));
+                reading.covariances_px = vec![Matrix2::identity(); reading.pixels.len()];
+                seen.modes = scene.solve_reading(&seen);
                 seen
             })
             .collect();

@@ -31,13 +31,17 @@ fn errors_name_the_view() {
         ViewsError::CameraCovariance { view: 0 }
     );
     assert_eq!(
-        error(|seen| seen[1].pixels[2] = Vector2::new(f64::NAN, 0.0)),
+        error(|seen| seen[1].readings[0].pixels[2] = Vector2::new(f64::NAN, 0.0)),
         ViewsError::View { view: 1, source: PnpError::NotFinite { index: 2 } }
     );
-    let message = error(|seen| seen[0].pixels.truncate(13)).to_string();
+    let message = error(|seen| seen[0].readings[0].pixels.truncate(13)).to_string();
     assert!(message.starts_with("view 0: 14 points, 13 pixels"), "{message}");
     assert_eq!(error(|seen| seen.iter_mut().for_each(|seen| seen.modes.clear())), ViewsError::NoModes);
     assert_eq!(error(Vec::clear), ViewsError::NoModes);
+    let missing = ViewsError::NoReading { view: 1, reading: 1, readings: 1 };
+    assert_eq!(error(|seen| seen[1].modes[0].reading = 1), missing);
+    let none = ViewsError::NoReading { view: 0, reading: 0, readings: 0 };
+    assert_eq!(error(|seen| seen[0].readings.clear()), none);
 }
 
 /// A view without a pose of its own is used where its points agree.

@@ -65,8 +65,7 @@ impl Instance<'_> {
                 camera: seen.optics,
                 world_from_camera: seen.camera.world_from_camera,
                 camera_covariance: seen.camera.covariance,
-                pixels: &observed.pixels,
-                covariances_px: &observed.covariances,
+                readings: &observed.readings,
                 modes: &observed.modes,
                 trust: seen.found.confidence().max(MIN_TRUST),
             })

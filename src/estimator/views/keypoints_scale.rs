@@ -2,12 +2,12 @@
 
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Pose};
-use posed_core::pnp::{self, solve};
-use posed_core::views::{Mode, Scale, View, ViewsOptions, solve_views};
+use posed_core::views::{Scale, View, ViewsOptions, solve_views};
 
 use super::instance::TEMPERING;
-use crate::estimator::answer::KeypointPrediction;
-use crate::estimator::evidence::unjudged_modes;
+use crate::estimator::answer::{KeypointPrediction, Observed};
+use crate::estimator::evidence::unjudged;
+use crate::estimator::second_peaks::{Solved, first_reading, solve};
 use crate::model::ObjectModel;
 
 /// A reference image with its keypoints.
@@ -29,22 +29,20 @@ pub fn fit_keypoints_scale(model: &ObjectModel, views: &[LocatedView], offset: &
     let mut fitted = Scale { value: offset.keypoints_scale, sigma: 0.0 };
     for _ in 0..STEPS {
         let points = model.manifest.keypoints_scaled_by(fitted.value);
-        let modes = |view: &LocatedView| {
-            let KeypointPrediction { pixels, covariances, .. } = &view.prediction;
-            let solution = solve(&points, pixels, covariances, &view.camera, &pnp::Options::default());
-            solution.map_or_else(|_| Vec::new(), |solution| unjudged_modes(&solution))
+        let observed = |view: &LocatedView| match solve(&model.manifest, &view.prediction, &view.camera, fitted.value) {
+            Ok(Solved { solution, readings, .. }) => unjudged(&solution, readings),
+            Err(_) => Observed { readings: vec![first_reading(&view.prediction)], modes: Vec::new() },
         };
-        let modes: Vec<Vec<Mode>> = views.iter().map(modes).collect();
+        let observed: Vec<Observed> = views.iter().map(observed).collect();
         let all: Vec<View<'_>> = views
             .iter()
-            .zip(&modes)
-            .map(|(view, modes)| View {
+            .zip(&observed)
+            .map(|(view, observed)| View {
                 camera: &view.camera,
                 world_from_camera: view.camera_from_object.inverse(),
                 camera_covariance: None,
-                pixels: &view.prediction.pixels,
-                covariances_px: &view.prediction.covariances,
-                modes,
+                readings: &observed.readings,
+                modes: &observed.modes,
                 trust: 1.0,
             })
             .collect();

@@ -37,11 +37,16 @@ pub(super) fn flip(estimate: &mut Estimate, class: usize, model: &ObjectModel, r
         let Some(solved) = &mut found.pose else { continue };
         let SolvedPose { observed, camera_from_object, keypoints_scale, .. } = solved;
         let Some(first) = observed.modes.first().map(|mode| mode.camera_from_points) else { continue };
-        for (point, pixel) in model.manifest.keypoints_scaled_by(*keypoints_scale).iter().zip(&mut observed.pixels) {
-            let from = camera.project(&first.transform(point));
-            let to = camera.project(&(first * flip).transform(point));
-            if let (Ok(from), Ok(to)) = (from, to) {
-                *pixel += to - from;
+        let points = model.manifest.keypoints_scaled_by(*keypoints_scale);
+        for (place, reading) in observed.readings.iter_mut().enumerate() {
+            let explaining = observed.modes.iter().find(|mode| mode.reading == place);
+            let Some(seen) = explaining.map(|mode| mode.camera_from_points) else { continue };
+            for (point, pixel) in points.iter().zip(&mut reading.pixels) {
+                let from = camera.project(&seen.transform(point));
+                let to = camera.project(&(seen * flip).transform(point));
+                if let (Ok(from), Ok(to)) = (from, to) {
+                    *pixel += to - from;
+                }
             }
         }
         for mode in &mut observed.modes {
