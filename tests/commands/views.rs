@@ -126,6 +126,17 @@ fn evaluate_scores_fused_views() {
     }
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.starts_with("| object | views |"), "{text}");
+    // Where cameras are known better, the same errors are more of their sigmas.
+    let nees = |rows: &[Value], views: u64| {
+        let row = rows.iter().find(|row| row["object"] == "cube" && row["views"] == views).unwrap();
+        (row["nees_mean"].as_f64().unwrap(), row["poses"].as_u64())
+    };
+    let stated = nees(&rows, 3).0;
+    let exact = ["--views", "1", "--views", "3", "--draws", "3", "--exact-cameras", "--json", json.to_str().unwrap()];
+    assert!(run(&[&common[..], &exact].concat()).status.success());
+    let rows: Vec<Value> = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    assert!(nees(&rows, 3).0 > 1.05 * stated, "{stated} {rows:?}");
+    assert_eq!(nees(&rows, 1).1, Some(3));
     // One of the three is wrong, and found out.
     let output =
         run(&[&common[..], &["--views", "3", "--wrong-views", "1", "--json", json.to_str().unwrap()]].concat());

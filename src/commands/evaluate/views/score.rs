@@ -17,9 +17,10 @@ pub(super) struct Outcome {
     add_m: f64,
     within_5_5: bool,
     nees: Option<PoseNees>,
-    /// Of the views that are wrong on purpose, how many there were, and whether these alone were left out.
+    /// Of the views that are wrong on purpose, how many there were, whether they were left out, and whether only they were.
     wrong: usize,
     named: bool,
+    named_alone: bool,
 }
 
 impl Outcome {
@@ -45,6 +46,7 @@ impl Outcome {
             nees: None,
             wrong: wrong.len(),
             named: false,
+            named_alone: false,
         };
         let Some(fused) = fused.iter().find(near) else { return missing };
         let Some((pose, covariance)) = &fused.pose else { return missing };
@@ -56,7 +58,8 @@ impl Outcome {
             let covariance = rotated_covariance(camera_from_world.rotation(), covariance);
             PoseNees::new(points, &(camera_from_world * *pose), &covariance, &(camera_from_world * *world_from_object))
         });
-        let left_out = fused.views.iter().filter(|view| view.left_out.is_some()).map(|view| view.view);
+        let left_out: Vec<usize> =
+            fused.views.iter().filter(|view| view.left_out.is_some()).map(|view| view.view).collect();
         Self {
             status: Some(fused.verdict.status),
             add: add_m / diameter_m,
@@ -65,7 +68,8 @@ impl Outcome {
                 && (truth.translation() - pose.translation()).norm() < 0.05,
             nees,
             wrong: wrong.len(),
-            named: left_out.eq(wrong.iter().copied()),
+            named: wrong.iter().all(|view| left_out.contains(view)),
+            named_alone: left_out == wrong,
         }
     }
 
@@ -93,8 +97,9 @@ pub(super) struct Row {
     pub(super) nees_mean: Option<f64>,
     pub(super) nees_median: Option<f64>,
     pub(super) within_95: Option<f64>,
-    /// Of the subsets with views that are wrong on purpose, those in which these alone are left out.
+    /// Of the subsets with views that are wrong on purpose, those in which these are left out, and those in which no other is.
     pub(super) named: f64,
+    pub(super) named_alone: f64,
 }
 
 impl Row {
@@ -128,6 +133,7 @@ impl Row {
             nees_median: pose.map(|pose| pose.median),
             within_95: pose.and_then(crate::evaluation::GroupConsistency::within_95),
             named: share(&|one| one.named, &|one| one.wrong > 0),
+            named_alone: share(&|one| one.named_alone, &|one| one.wrong > 0),
         }
     }
 }

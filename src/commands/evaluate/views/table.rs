@@ -8,7 +8,7 @@ pub(super) fn table(rows: &[Row], wrong_views: usize) -> String {
         "| object | views | poses | ADD(-S) % | 5°5cm % | ADD(-S), median (mm) | p90 (mm) | ok % | ok but wrong % | NEES of ok, \
          mean, median | in 95 % |",
     );
-    text.push_str(if wrong_views > 0 { " wrong views named % |\n" } else { "\n" });
+    text.push_str(if wrong_views > 0 { " wrong views named %, and no other % |\n" } else { "\n" });
     text.push_str(&"|---".repeat(if wrong_views > 0 { 12 } else { 11 }));
     text.push_str("|\n");
     for row in rows {
@@ -30,7 +30,7 @@ pub(super) fn table(rows: &[Row], wrong_views: usize) -> String {
             100.0 * row.ok,
             100.0 * row.ok_wrong,
         );
-        let _ = if wrong_views > 0 { writeln!(text, " {:.1} |", 100.0 * row.named) } else { writeln!(text) };
+        let _ = if wrong_views > 0 { writeln!(text, " {:.1}, {:.1} |", 100.0 * row.named, 100.0 * row.named_alone) } else { writeln!(text) };
     }
     text
 }
