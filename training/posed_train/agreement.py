@@ -10,6 +10,7 @@ from PIL import Image
 
 from .bop import DatasetError, View, read_mask
 from .diagnose import OFF_BY_ONE, diagnose
+from .midway import change, contrast
 from .registration import Component
 from .residual import Sights, middle, sights, whole
 from .size import compare_size
@@ -54,6 +55,36 @@ def describe_meeting(seen: Sights) -> str:
         f"boxes against poses: {np.median(found):.3f} of a box's side in the median, {found.max():.2f} at worst "
         f"({len(seen)} photos that show it whole)"
     )
+
+
+def stands_still(views: Sequence[View], component: Component) -> list[str]:
+    """What is wrong if masks show the object in some photos, in their order, and what it lies on in the others: masks
+    that were found near where it should be lie there whether it does or not, and so do their boxes."""
+    mine = [views[index] for index in component.views if views[index].mask_path is not None]
+    values, shown = [], []
+    for view in mine:
+        mask = read_mask(view)
+        image = cv2.imread(str(view.image_path), cv2.IMREAD_COLOR)
+        if mask is None or image is None or mask.shape != image.shape[:2]:
+            continue
+        others = np.zeros_like(mask)
+        for path in view.mask_path.parent.glob(f"{view.image_id:06d}_*.png"):
+            if path != view.mask_path and (other := cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) is not None:
+                others |= other
+        value = contrast(image, mask, others)
+        if value is not None:
+            values.append(value)
+            shown.append(f"{view.scene}/{view.image_path.name}")
+    k = change(np.array(values))
+    if k is None:
+        return []
+    before = np.median(values[:k]) > np.median(values[k:])
+    there, gone = ("before", "from there on") if before else ("from there on", "before")
+    return [
+        f"the object, or the board beneath it, moved after photo {shown[k - 1]} (before {shown[k]}): {there} masks "
+        f"show it, {gone} they show what it lay on: two components. Put the photos after it into a scene of their own "
+        "(`posed-train new --to`, `posed-train add --from`)"
+    ]
 
 
 def masks_found(views: Sequence[View]) -> tuple[str, list[str]]:

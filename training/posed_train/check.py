@@ -110,6 +110,8 @@ def agree(
             continue
         found, seen, shown = agreement.boxes_meet(views, component)
         problems += agreement.whose_order(found, bool(mask_problems))
+        if not found and not mask_problems:
+            problems += agreement.stands_still(views, component)
         if seen is not None and not sized:  # the largest component tells enough
             sized = True
             notes.append(agreement.describe_meeting(seen))

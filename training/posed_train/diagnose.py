@@ -110,7 +110,8 @@ def moved_midway(seen: Sights, names: Sequence[str]) -> Finding | None:
         return None
     return Finding(
         f"the object, or what its place is known by, moved {1000 * distance:.0f} mm after photo {names[k - 1]} (before "
-        f"{names[k]}): two components. Put the photos after it into a scene of their own (`posed-train add`)",
+        f"{names[k]}): two components. Put the photos after it into a scene of their own (`posed-train new --to`, "
+        "`posed-train add --from`)",
         after,
     )
 

@@ -1,6 +1,7 @@
 """Poses written as other tools write them come back the same."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,16 @@ def test_tags_tell_where_the_camera_is_on_the_flange(board_photos, tmp_path, cap
     run("new", tmp_path / "cube", board_photos.folder, "--poses", rows, "--camera", camera, "--tag-mm", TAG_MM)
     check_same(tmp_path / "cube", board_photos, degrees=0.05, millimetres=0.3)
     assert "camera on the flange by 30 photos" in capsys.readouterr().out
+
+
+def test_a_board_that_was_moved_in_the_robots_base_is_told(board_photos, tmp_path):
+    moved = np.eye(4)
+    moved[:3, 3] = 0.03, 0.01, 0
+    poses = [pose if k < 12 else pose @ moved for k, pose in enumerate(board_photos.camera_from_world)]
+    rows = write_robot(replace(board_photos, camera_from_world=poses), tmp_path / "rows.csv")
+    camera = write_camera(board_photos, tmp_path / "camera.json")
+    with pytest.raises(SystemExit, match=r"moved after IMG_11\.jpg \(before IMG_12\.jpg\): two components"):
+        run("new", tmp_path / "cube", board_photos.folder, "--poses", rows, "--camera", camera, "--tag-mm", TAG_MM)
 
 
 def test_bop_comes_back_with_its_labels(labelled, tmp_path):

@@ -147,5 +147,17 @@ def test_what_cannot_be_drawn_is_said(project, drawn, tmp_path):
         run("label", project, "--box", tmp_path / "bad.json")
     with pytest.raises(SystemExit, match="posed-train new"):
         run("label", tmp_path / "nowhere", "--box", tmp_path / "bad.json")
+    for entry, message in (
+        ({"size_mm": [54] * 3, "base_mm": [1, 2], "scene": "000007"}, "a 3D box must name it"),
+        ({**drawn["cube"], "up": "up"}, "choose one of z, y, x"),
+        ({**drawn["cube"], "symmetries": ["w3"]}, "half a turn about z"),
+        ({**drawn["cube"], "symmetries": "z"}, "symmetries is a list"),
+    ):
+        (tmp_path / "bad.json").write_text(json.dumps({"cube": entry}))
+        with pytest.raises(SystemExit, match=message):
+            run("label", project, "--box", tmp_path / "bad.json")
+    (tmp_path / "bad.json").write_text(json.dumps({"bad photos": ["IMG_99.jpg"]}))
+    with pytest.raises(SystemExit, match=r"bad photos: no photo 'IMG_99\.jpg'"):
+        run("label", project, "--box", tmp_path / "bad.json")
     after = {path: path.read_bytes() for path in sorted((project / "train/000000").rglob("*")) if path.is_file()}
     assert after == before, "nothing half-written"

@@ -11,7 +11,7 @@ from PIL import Image
 
 from benches.poses import differences, scene_poses
 from posed_train import bop, cli
-from posed_train.onboard import tags
+from posed_train.onboard import from_board, tags
 from posed_train.render.layout import CAMERA_MATRIX, HEIGHT, WIDTH
 
 
@@ -168,6 +168,10 @@ def test_doubtful_photos_are_named(board_photos, tmp_path, new):
     def spoil(number, image):
         if number == 3:
             return cv2.GaussianBlur(image, (0, 0), 3)
+        if number == 7:
+            return image[:, ::-1]
+        if number == 9:
+            return image[::-1, ::-1]
         return np.full_like(image, 90) if number == 5 else image
 
     folder = edit(board_photos, tmp_path / "some", spoil)
@@ -175,7 +179,8 @@ def test_doubtful_photos_are_named(board_photos, tmp_path, new):
     (folder / "IMG_91.jpg").write_bytes(b"not a photo")
     scene, printed = new(folder)
     assert "IMG_3.jpg: blurred" in printed or "IMG_3.jpg: left out" in printed
-    assert "IMG_5.jpg: left out: 0 tags" in printed
+    assert "IMG_5.jpg: left out: 0 tags" in printed and "IMG_7.jpg: left out: mirrored" in printed
+    assert "IMG_9.jpg: upside down against the others" in printed and "IMG_9.jpg" in scene_poses(scene)
     assert "IMG_90.heic: HEIC cannot be read" in printed and "IMG_91.jpg: not a readable image" in printed
     assert "IMG_5.jpg" not in scene_poses(scene)
     shutil.rmtree(scene.parents[1])
@@ -189,6 +194,9 @@ def test_what_cannot_be_used_is_said(board_photos, tmp_path, new):
         new(blank)
     with pytest.raises(SystemExit, match="give --family apriltag-36h11"):
         new(board_photos.folder, "--family", "aruco-7x7")
+    blurred = edit(board_photos, tmp_path / "blurred", lambda n, image: cv2.GaussianBlur(image, (0, 0), 4))
+    with pytest.raises(SystemExit, match=r"0 tags of apriltag-36h11.*the photos are blurred \(sharpness 0\.\d"):
+        new(blurred)
     mirrored = edit(board_photos, tmp_path / "mirrored", lambda n, image: image[:, ::-1])
     with pytest.raises(SystemExit, match="mirrored"):
         new(mirrored)
@@ -213,6 +221,40 @@ def test_what_cannot_be_used_is_said(board_photos, tmp_path, new):
         camera = tmp_path / "camera.json"
         camera.write_text('{"width": 640, "height": 360, "fx": 600, "fy": 600, "cx": 320, "cy": 180}')
         new(board_photos.folder, "--camera", camera)
+
+
+def test_some_of_the_photos_are_taken(board_photos, new):
+    scene, _ = new(board_photos.folder, "--from", "IMG_4.jpg", "--to", "IMG_21.jpg", "--without", "IMG_9.jpg")
+    assert set(scene_poses(scene)) == {f"IMG_{k}.jpg" for k in range(4, 22) if k != 9}
+    shutil.rmtree(scene.parents[1])
+    for words, message in ((("--from", "IMG_77.jpg"), "--from IMG_77.jpg"), (("--to", "x"), "--to x: no photo")):
+        with pytest.raises(SystemExit, match=message):
+            new(board_photos.folder, *words)
+    with pytest.raises(SystemExit, match="no photo is left"):
+        new(board_photos.folder, "--from", "IMG_9.jpg", "--to", "IMG_8.jpg")
+
+
+@pytest.mark.parametrize("first", [8, 14, 21])
+def test_tags_that_were_moved_midway_are_two_components(board_photos, new, monkeypatch, first):
+    """Half of the board's tags lie 6 mm beside from some photo on."""
+    find_all = from_board.find_all
+
+    def moved(photos, family):
+        found, sharp = find_all(photos, family)
+        for photo, seen in zip(photos, found):
+            number = board_photos.names.index(photo.name)
+            if number >= first:
+                pose = board_photos.camera_from_world[number]
+                to_image = CAMERA_MATRIX @ pose[:3, [0, 1, 3]]
+                on_board = cv2.perspectiveTransform(seen.corners, np.linalg.inv(to_image))
+                on_board[seen.ids > 11] += [0.006, 0.002]
+                seen.corners[:] = cv2.perspectiveTransform(on_board, to_image)
+        return found, sharp
+
+    monkeypatch.setattr(from_board, "find_all", moved)
+    words = rf"from IMG_{first}\.jpg on the tags lie otherwise.*two components.*--to IMG_{first - 1}\.jpg"
+    with pytest.raises(SystemExit, match=words):
+        new(board_photos.folder)
 
 
 def test_two_boards_are_two_scenes(board_photos, tmp_path, new):

@@ -1,5 +1,6 @@
 """`posed-train check` of a project."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from ..size import parse_size
 from . import project as projects
 from .new import UP_FROM_BOARD
 from .project import Project
+from .scene import photo_names
 
+IMAGE = re.compile(r"\b([\w-]+)/(\d{6})\.(?:jpg|png)\b")
 MIN_VISIBLE = 0.35
 """As in training."""
 
@@ -33,8 +36,18 @@ def check_project(folder: Path, name: str | None, size: str | None) -> None:
             raise
         report = check(views, "camera", expected, up(project))
         print(f"{item.name}: {report}")
-        problems += [f"{item.name}: {problem}" for problem in report.problems]
+        problems += [f"{item.name}: {by_photo_names(problem, project)}" for problem in report.problems]
     conclude(problems)
+
+
+def by_photo_names(text: str, project: Project) -> str:
+    """With the photos' own names, which commands take, instead of the images'."""
+    names = {scene.name: photo_names(scene) for scene in project.scenes}
+
+    def named(found: re.Match) -> str:
+        return names.get(found[1], {}).get(int(found[2]), found[0])
+
+    return IMAGE.sub(named, text)
 
 
 def up(project: Project) -> np.ndarray | None:

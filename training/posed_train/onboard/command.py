@@ -71,6 +71,8 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
         "--max-px", type=int, default=DEFAULT_MAX_PX, help="longer side; larger photos are made smaller"
     )
     parser.add_argument("--frames", type=int, default=150, help="to take from a video")
+    parser.add_argument("--from", dest="first", metavar="PHOTO", help="first photo to take, in the order of names")
+    parser.add_argument("--to", dest="last", metavar="PHOTO", help="last photo to take")
     parser.add_argument("--without", nargs="+", default=[], metavar="PHOTO", help="photos to leave out, by their names")
 
 
@@ -85,6 +87,8 @@ def board_options(arguments: argparse.Namespace) -> BoardOptions:
         max_px=arguments.max_px,
         frames=arguments.frames,
         without=tuple(arguments.without),
+        first=arguments.first,
+        last=arguments.last,
     )
 
 

@@ -9,10 +9,10 @@ from ..bop import DatasetError
 from .camera import Camera, read_camera
 from .coverage import Row
 from .layout import Board
-from .photos import DEFAULT_MAX_PX, VIDEOS, Photo, find_photos, of_one_size, read_frames
+from .photos import DEFAULT_MAX_PX, VIDEOS, Photo, blurred, find_photos, of_one_size, read_frames
 from .scene import Shot
-from .survey import Survey, survey
-from .tags import DEFAULT_FAMILY, MIN_TAGS, Tags, find_all
+from .survey import Survey, changed_midway, survey
+from .tags import DEFAULT_FAMILY, MIN_TAGS, Tags, find_all, find_tags
 
 BLURRED = 0.45
 """Sharpness as a share of the median."""
@@ -20,6 +20,11 @@ HIGH_RESIDUAL = 3.0
 """Of the median."""
 LEAST_DOUBTFUL_PX = 1.5
 FEW_TAGS = 6
+UP_FROM_BOARD = np.array([0, 0, -1.0])
+STEEP = 0.8
+"""Cosine: photos that look down more steeply tell nothing of what is up."""
+TURNED = 0.5
+FEW_TURNED = 0.1
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,9 @@ class BoardOptions:
     """To be taken from a video."""
     without: tuple[str, ...] = ()
     """Names of photos to leave out."""
+    first: str | None = None
+    last: str | None = None
+    """Names of the first and the last photo to take."""
 
 
 @dataclass
@@ -61,12 +69,13 @@ def import_board(source: Path, options: BoardOptions, scratch: Path) -> Imported
         raise DatasetError(f"{source}: give a folder of photos, or a video ({' '.join(sorted(VIDEOS))})")
     else:
         photos, refused = find_photos(source, options.max_px)
-    photos = leave_out(photos, options.without)
+    photos = leave_out(photos, options)
     size = of_one_size(photos)
     tags, sharp = find_all(photos, options.family)
     camera = read_camera(options.camera).scaled(*size) if options.camera else None
     found = survey(tags, size, options.tag_mm, camera)
-    notes = [*scale_by_span(found, options), *describe(found, options, given=camera is not None)]
+    refuse_changed(photos, changed_midway(tags, found, size, options.tag_mm, camera))
+    notes = [*all_blurred(sharp), *scale_by_span(found, options), *describe(found, options, given=camera is not None)]
     imported = Imported([], [], notes, [*refused], None if camera else found.camera, board=found.board)
     usual_sharp = float(np.median(sharp))
     usual_px = float(np.median(list(found.residual_px.values())))
@@ -77,16 +86,61 @@ def import_board(source: Path, options: BoardOptions, scratch: Path) -> Imported
             imported.rows.append(row)
             imported.tags.append(tags[k])
         reason = doubt(row, usual_px, any(k in group for group in found.apart))
+        if row.residual_px is None and not any(k in group for group in found.apart) and is_mirrored(photo, options):
+            reason = "left out: mirrored"
         if reason:
             imported.doubts.append(f"{photo.name}: {reason}")
+    imported.doubts += upside_down(imported.shots)
     return imported
 
 
-def leave_out(photos: list[Photo], names: tuple[str, ...]) -> list[Photo]:
-    unknown = set(names) - {photo.name for photo in photos}
-    if unknown:
-        raise DatasetError(f"--without {sorted(unknown)[0]}: no photo of that name")
-    return [photo for photo in photos if photo.name not in names]
+def refuse_changed(photos: list[Photo], k: int | None) -> None:
+    if k is not None:
+        before = photos[k - 1].name
+        raise DatasetError(
+            f"from {photos[k].name} on the tags lie otherwise on the board than in the photos before: it, or a part of "
+            f"it, was moved: two components. Take the photos up to {before} (--to {before}), and give the others by "
+            f"`posed-train add --from {photos[k].name}`"
+        )
+
+
+def all_blurred(sharp: list[float]) -> list[str]:
+    words = blurred(sharp)
+    return [f"{words}: camera and poses will be worse"] if words else []
+
+
+def is_mirrored(photo: Photo, options: BoardOptions) -> bool:
+    image = photo.read_grey()
+    return len(find_tags(np.ascontiguousarray(image[:, ::-1]), options.family)) >= MIN_TAGS
+
+
+def upside_down(shots: list[Shot]) -> list[str]:
+    """Those photos that alone show the board the wrong way up, as if they had been turned after they were taken: their
+    camera is another one then. Seen from above, a board has no wrong way."""
+    found = []
+    for shot in shots:
+        _, pose = shot.upright
+        up = pose[:3, :3] @ UP_FROM_BOARD
+        if abs(up[2]) < STEEP:
+            found.append((shot.photo.name, up[1] / np.hypot(up[0], up[1]) > TURNED))
+    wrong = [name for name, turned in found if turned]
+    if len(wrong) > FEW_TURNED * len(found):
+        return []
+    return [f"{name}: upside down against the others: if it was turned afterwards, turn it back" for name in wrong]
+
+
+def leave_out(photos: list[Photo], options: BoardOptions) -> list[Photo]:
+    names = [photo.name for photo in photos]
+    for option, told in (("--without", options.without), ("--from", [options.first]), ("--to", [options.last])):
+        unknown = sorted(set(told) - {*names, None})
+        if unknown:
+            raise DatasetError(f"{option} {unknown[0]}: no photo of that name")
+    first = 0 if options.first is None else names.index(options.first)
+    last = len(names) if options.last is None else names.index(options.last) + 1
+    kept = [photo for photo in photos[first:last] if photo.name not in options.without]
+    if not kept:
+        raise DatasetError(f"--from {options.first} --to {options.last}: no photo is left")
+    return kept
 
 
 def doubt(row: Row, usual_px: float, apart: bool) -> str:

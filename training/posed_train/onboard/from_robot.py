@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ..bop import DatasetError
+from ..midway import change
 from .camera import Camera
 from .posed_photos import Posed, find_image, quaternion_pose
 
@@ -97,6 +98,23 @@ def hand_eye(base_from_flange: np.ndarray, camera_from_board: np.ndarray) -> tup
         rcond=None,
     )[0]
     return refine(base_from_flange, camera_from_board, turn, shift)
+
+
+def board_moved(base_from_flange: np.ndarray, camera_from_board: np.ndarray) -> int | None:
+    """The first photo after the board was moved in the robot's base, if it was: by the camera on the flange as the
+    first photos tell it, or the last."""
+    count, part = len(base_from_flange), max(LEAST_FOR_HAND_EYE, len(base_from_flange) // 3)
+    for some in (slice(0, part), slice(count - part, count)):
+        try:
+            found, _, metres = hand_eye(base_from_flange[some], camera_from_board[some])
+        except DatasetError:
+            continue
+        places = (base_from_flange @ found @ camera_from_board)[:, :3, 3]
+        apart = np.linalg.norm(places - np.median(places[some], axis=0), axis=1)
+        k = change(np.maximum(apart, metres))
+        if k is not None:
+            return k
+    return None
 
 
 def refine(base_from_flange, camera_from_board, turn, shift) -> tuple[np.ndarray, float, float]:

@@ -12,7 +12,7 @@ from .camera import Camera, read_camera
 from .from_board import BoardOptions, Imported, import_board
 from .from_colmap import read_colmap
 from .from_pairs import read_pairs
-from .from_robot import hand_eye, read_pose, read_robot, read_rows
+from .from_robot import board_moved, hand_eye, read_pose, read_robot, read_rows
 from .from_transforms import read_transforms
 from .photos import open_photo
 from .posed_photos import Posed, find_image, open_all
@@ -20,6 +20,8 @@ from .scale import by_points, by_tags
 from .scene import Shot
 
 METRE_MM = 1000.0
+MOVED_M = 0.004
+"""A board that seems to move by that much may have been moved."""
 
 
 def import_posed(options: argparse.Namespace) -> tuple[list[Imported], dict]:
@@ -93,7 +95,13 @@ def by_the_board(
         board = import_board(options.source, given, Path(scratch))
     both = [shot for shot in board.shots if shot.photo.name in rows]
     flange = np.stack([scaled(rows[shot.photo.name], unit) for shot in both]) if both else np.zeros((0, 4, 4))
-    found, degrees, metres = hand_eye(flange, np.array([shot.camera_from_world for shot in both]).reshape(-1, 4, 4))
+    seen = np.array([shot.camera_from_world for shot in both]).reshape(-1, 4, 4)
+    found, degrees, metres = hand_eye(flange, seen)
+    if metres > MOVED_M and (k := board_moved(flange, seen)) is not None:
+        raise DatasetError(
+            f"--poses: the board was moved after {both[k - 1].photo.name} (before {both[k].photo.name}): two "
+            "components. Give the rows before and after as two projects, or leave out the fewer"
+        )
     found[:3, 3] /= unit
     note = (
         f"camera on the flange by {len(both)} photos with tags: the board seems to move by {degrees:.2f} degrees and "

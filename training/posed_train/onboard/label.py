@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from ..bop import DatasetError, image_path, read_json, stated_pose
+from ..midway import change, contrast
 from . import project as projects
 from .coverage import draw_sheet, thumbnail
 from .drawn import BAD, parse, read_file
@@ -21,6 +22,8 @@ from .scene import photo_names
 from .solid import Frame, Solid
 
 DRAWN = "drawn.json"
+UNLIKE = 0.75
+"""IoU of the masks' boxes with the drawn ones."""
 STANDING_FROM_BOARD = np.diag([1.0, -1.0, -1.0, 1.0])
 """z up: a board's z points into it."""
 COLOURS = ((60, 220, 60), (255, 140, 40), (60, 60, 255), (220, 60, 220), (40, 220, 220), (255, 255, 80))
@@ -131,15 +134,36 @@ def label_scene(project: Project, scene: Scene, values: dict) -> str:
     replace_text(kept, json.dumps(values, indent=1))
     project.save()
     draw_labels(scene.frames, labels, project.folder / "pictures" / f"labels-{scene.folder.name}.jpg")
-    return "\n".join(
-        describe(item.name, shape, solid, [row[k] for row in labels])
-        for k, (item, shape, solid) in enumerate(zip(items, shapes, solids))
-    )
+    texts = []
+    for k, (item, shape, solid) in enumerate(zip(items, shapes, solids)):
+        mine = [row[k] for row in labels]
+        texts.append(describe(item.name, shape, solid, mine))
+        texts += moved(scene.frames, mine)
+    return "\n".join(texts)
+
+
+def moved(frames: Sequence[Frame], labels: Sequence[Label]) -> list[str]:
+    """If the object is where it should be up to some photo only, or from there on."""
+    told = [(frame, one.contrast) for frame, one in zip(frames, labels) if one.contrast is not None]
+    k = change(np.array([value for _, value in told]))
+    if k is None:
+        return []
+    last, first = told[k - 1][0].name, told[k][0].name
+    return [
+        f"  it was moved after {last}: on one side of that photo the outlines show what it lay on. Take the photos up "
+        f"to there (`posed-train new --to {last}`), and give the others by `add --from {first}`"
+    ]
 
 
 def label_all(frames: Sequence[Frame], shapes: Sequence[Shape]) -> list[list[Label]]:
+    def one(frame: Frame) -> list[Label]:
+        image = read_image(frame)
+        labels = label_photo(frame, image, shapes)
+        every = np.maximum.reduce([label.mask for label in labels])
+        return [replace(label, contrast=contrast(image, label.mask, every & ~label.mask)) for label in labels]
+
     with ThreadPoolExecutor() as pool:
-        return list(pool.map(lambda frame: label_photo(frame, read_image(frame), shapes), frames))
+        return list(pool.map(one, frames))
 
 
 def entries(
@@ -184,6 +208,8 @@ def describe(name: str, shape: Shape, solid: Solid, labels: list[Label]) -> str:
         f"{name}: {size} mm ({solid.kind}; length, width, height); seen in {len(seen)} photos, whole in {whole}; "
         f"masks by the {way}, their boxes agree with the drawn ones to {shape.agreement:.0%}"
     ]
+    if shape.agreement < UNLIKE:
+        lines.append("  no upright thing fits the drawn boxes well: is one of them of another object, or was it moved?")
     poor = sum(one.visible > 0.5 and one.agreement < 0.8 for one in labels)
     if poor:
         lines.append(f"  in {poor} photos the colours tell another outline than expected: look at them in the sheet")

@@ -10,13 +10,12 @@ import numpy as np
 from ..bop import DatasetError
 from ..rays import nearest_point
 from .coverage import Coverage, coverage, draw_coverage, draw_sheet, table, thumbnail
-from .from_board import BoardOptions, Imported, import_board
+from .from_board import UP_FROM_BOARD, BoardOptions, Imported, import_board
 from .from_bop import copy_labels, read_bop
 from .project import SPLIT, create, load, new_folder
 from .scene import write_scene
 
 LEAST_SHOTS = 8
-UP_FROM_BOARD = np.array([0, 0, -1.0])
 MAX_DOUBTS_SHOWN = 20
 
 

@@ -209,6 +209,8 @@ class Label:
     """Share of its outline that is in the photo and behind no other object."""
     agreement: float
     """IoU of the mask with the outline that was expected."""
+    contrast: float | None = None
+    """How unlike its colours are to those around it, if that was looked at."""
 
     @property
     def box(self) -> tuple[int, int, int, int]:

@@ -1,6 +1,7 @@
 """Photos and videos as they come from cameras: found, read, judged by their sharpness."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +21,8 @@ TURNS = {1: 0, 6: 1, 3: 2, 8: 3}
 SHARPNESS_WIDTH = 960
 DEFAULT_MAX_PX = 1920
 MAX_PIXELS = 200_000_000
+SHARP = 0.55
+"""Sharpness of photos of a board that a Gaussian of 1.3 px has blurred."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,17 @@ def read_frames(video: Path, count: int, folder: Path, max_px: int = DEFAULT_MAX
 def write_frame(path: Path, frame: np.ndarray) -> None:
     if not cv2.imwrite(str(path), frame, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
         raise OSError(f"{path}: cannot write the frame; is the disk full?")
+
+
+def blurred(sharp: Sequence[float]) -> str:
+    """Words, if photos of a board are; empty if they are not."""
+    usual = float(np.median(sharp))
+    if usual >= SHARP:
+        return ""
+    return (
+        f"the photos are blurred (sharpness {usual:.2f}; sharp ones of a board have 1 to 5): more light, a steadier "
+        "camera, the focus on the object"
+    )
 
 
 def sharpness(image: np.ndarray) -> float:

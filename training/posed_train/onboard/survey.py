@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from ..bop import DatasetError
+from ..midway import change
 from . import bundle
 from .camera import Camera
 from .layout import Board, connected, estimate_board
@@ -16,6 +17,8 @@ MIN_PHOTOS_FOR_CAMERA = 10
 LENS_GAIN = 0.05
 """Distortion is taken to be there if it makes the residuals smaller by this share."""
 OUTLIER_PX = 5.0
+SUSPECT_PX = 0.45
+"""Tags that fit no better may have been moved."""
 PINHOLE = ("fx", "fy", "cx", "cy")
 MAX_FOCAL_DEVIATION = 0.01
 
@@ -66,6 +69,38 @@ def survey(
                 "in some photos, or give --camera"
             )
     return summarise(problem, list(poses), board, size, camera if given else None, groups[1:], tag_mm, known)
+
+
+def changed_midway(
+    photos: list[Tags], found: Survey, size: tuple[int, int], tag_mm: float, given: Camera | None
+) -> int | None:
+    """The first photo from which on the tags lie otherwise on the board than before: some of them were moved. Where
+    they fit well there is none."""
+    used = sorted(found.camera_from_world)
+    part = max(MIN_PHOTOS_FOR_CAMERA, len(used) // 3)
+    if found.rms_px < SUSPECT_PX or len(used) < 2 * part:
+        return None
+    for some in (used[:part], used[-part:]):
+        try:
+            alone = survey([photos[k] for k in some], size, tag_mm, given)
+        except DatasetError:
+            continue
+        k = change(np.array([off_board(photos[k], alone) for k in used]))
+        if k is not None:
+            return used[k]
+    return None
+
+
+def off_board(tags: Tags, known: Survey) -> float:
+    """How far a photo's tags lie from where a board has them, in the mean, pixels."""
+    pose = first_pose(tags, known.board, known.camera)
+    if pose is None:
+        return OUTLIER_PX
+    points, pixels = known.board.seen(tags)
+    points = np.column_stack([points, np.zeros(len(points))])
+    rvec = cv2.Rodrigues(pose[:3, :3])[0]
+    seen, _ = cv2.projectPoints(points, rvec, pose[:3, 3], known.camera.matrix, known.camera.distortion)
+    return float(np.linalg.norm(seen[:, 0] - pixels, axis=1).mean())
 
 
 def first_camera(photos: list[Tags], group: list[int], board: Board, size: tuple[int, int]) -> Camera:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bop import DatasetError
 from .edges import refine
-from .photos import Photo, sharpness
+from .photos import Photo, blurred, sharpness
 
 FAMILIES = {
     "apriltag-36h11": cv2.aruco.DICT_APRILTAG_36h11,
@@ -27,6 +27,8 @@ DEFAULT_FAMILY = "apriltag-36h11"
 MIN_TAGS = 3
 """In a photo: fewer do not fix its pose to the accuracy that learning needs."""
 PROBED_PHOTOS = 12
+PLAIN = 8.0
+"""Standard deviation of a grey image in which nothing is to be seen, sharp or not."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,10 @@ def explain_missing(photos: Sequence[Photo], family: str, seen: int) -> str:
             f"the photos are mirrored: flipped, {len(some)} of them show {mirrored} tags. Switch the camera's "
             "mirroring off, or flip the photos"
         )
+    textured = [image for image in some if image.std() > PLAIN]
+    words = blurred([sharpness(image) for image in textured]) if textured else ""
     return (
         f"{seen} tags of {family} in {len(photos)} photos; at least two photos must show {MIN_TAGS} tags each. Is the "
         "board in the photos, flat, sharp and with its white margin? `posed-train board` prints one"
+        + (f"; {words}" if words else "")
     )
