@@ -30,7 +30,11 @@ pub(super) fn table(rows: &[Row], wrong_views: usize) -> String {
             100.0 * row.ok,
             100.0 * row.ok_wrong,
         );
-        let _ = if wrong_views > 0 { writeln!(text, " {:.1}, {:.1} |", 100.0 * row.named, 100.0 * row.named_alone) } else { writeln!(text) };
+        let _ = if wrong_views > 0 {
+            writeln!(text, " {:.1}, {:.1} |", 100.0 * row.named, 100.0 * row.named_alone)
+        } else {
+            writeln!(text)
+        };
     }
     text
 }
