@@ -96,9 +96,16 @@ export interface paths {
         };
         /** Returns one known object. */
         get: operations["object"];
-        put?: never;
+        /**
+         * Serves the object of a bundle from now on, in place of the one of this name if there is one.
+         * @description The body is a bundle: `NAME.posed`, as `posed-train export` writes it. The server checks it, runs its networks, and only then puts
+         *     it into force; other requests go on meanwhile. A bundle that cannot be served changes nothing. The server must run with
+         *     `--object-changes`.
+         */
+        put: operations["put"];
         post?: never;
-        delete?: never;
+        /** Serves the object no longer, and removes its files. Its calibration in the folder of references stays. */
+        delete: operations["remove"];
         options?: never;
         head?: never;
         patch?: never;
@@ -114,7 +121,8 @@ export interface paths {
         get?: never;
         /**
          * Measures the reference of an object and replaces it.
-         * @description The new reference takes effect immediately. The server must run with `--recalibration`.
+         * @description The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force. The server must run with
+         *     `--recalibration`.
          */
         put: operations["replace"];
         post?: never;
@@ -150,6 +158,23 @@ export interface paths {
         };
         /** Returns all registered cameras, by id. */
         get: operations["cameras"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/rigs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** Returns all registered rigs, by id. */
+        get: operations["rigs"];
         put?: never;
         post?: never;
         delete?: never;
@@ -208,7 +233,7 @@ export interface components {
         };
         /** @description A camera. Parameters are in pixels of an image of `width` x `height`, with pixel centres at integer coordinates. */
         Camera: {
-            model: components["schemas"]["CameraModel"];
+            model?: components["schemas"]["CameraModel"] | null;
             /**
              * Format: int32
              * @description Size of the image that the parameters are calibrated for. An image of another size is rejected, unless the
@@ -271,15 +296,17 @@ export interface components {
              */
             box_px?: number[] | null;
         };
-        /** @description What the detector found. */
+        /** @description Where the object is: as the detector found it, or as the request says. */
         DetectionReport: {
             /** @description Box of the visible part of the object: x, y, width, height in pixels. */
             box_px: number[];
             /**
              * Format: double
-             * @description Detector score, 0..1.
+             * @description Detector score, 0..1. 1 for a box of the request.
              */
             score: number;
+            /** @description Place among the `boxes` of the request, from 0. Absent if a detector found the object. */
+            given_box?: number | null;
         };
         /** @description The body of every error. */
         ErrorBody: {
@@ -309,6 +336,11 @@ export interface components {
             min_confidence?: number | null;
             /** @description Whether an image of another size than the camera's is its full frame, resized: the parameters are then scaled. */
             allow_resize?: boolean;
+            /**
+             * @description Where the objects are, from a detector of your own: the server's detectors do not look then. Each box gets a pose. Objects
+             *     that are in no detector's labels need this. At most `max_detections` of `GET /v1/limits`; not together with `objects`.
+             */
+            boxes?: components["schemas"]["ObjectBox"][] | null;
             world_from_camera?: components["schemas"]["Pose"] | null;
             base_from_camera?: components["schemas"]["Pose"] | null;
             /** @description Your label for the image, such as its capture time. The answer repeats it. At most 64 characters. */
@@ -429,6 +461,8 @@ export interface components {
             max_body_bytes: number;
             /** @description Maximum size of the part `request` of a form. */
             max_json_bytes: number;
+            /** @description Maximum size of the bundle of an object. */
+            max_bundle_bytes: number;
             /**
              * Format: int32
              * @description Maximum width and height of an image.
@@ -477,6 +511,8 @@ export interface components {
             exif_orientation: string;
             /** @description Whether `PUT /v1/objects/{name}/reference` is on. */
             recalibration: boolean;
+            /** @description Whether `PUT` and `DELETE /v1/objects/{name}` are on. */
+            object_changes: boolean;
             memory: components["schemas"]["MemoryReport"];
         };
         MemoryInUse: {
@@ -497,7 +533,7 @@ export interface components {
             bound_bytes: number;
             /**
              * Format: int64
-             * @description Resident memory after the start, with all networks loaded.
+             * @description Resident memory after the start, or the last change of objects, with all networks loaded.
              */
             warm_bytes: number;
             /**
@@ -520,17 +556,32 @@ export interface components {
              * @description Connection buffers (`max_connections`).
              */
             connections_bytes: number;
+            /**
+             * Format: int64
+             * @description An object that is being added (several times `max_bundle_bytes`). 0 without `object_changes`.
+             */
+            object_changes_bytes: number;
         };
         /** @description The networks that produced an answer. */
         ModelsReport: {
             /** @example cpu */
             provider: string;
-            /** @description SHA-256 of the detector file. */
-            detector: string;
+            /** @description SHA-256 of the detector that objects share. Absent if there is none. */
+            detector?: string | null;
+            /** @description SHA-256 of the detectors that objects bring along, by object name. Absent if there are none. */
+            own_detectors?: {
+                [key: string]: string;
+            };
             /** @description SHA-256 of the keypoint net of each object, by object name. */
             keypoints: {
                 [key: string]: string;
             };
+        };
+        /** @description An object, and where it is. */
+        ObjectBox: {
+            object: string;
+            /** @description Box of its visible part: x, y, width, height in pixels of the posted image. What lies beyond the image is cut off. */
+            box_px: number[];
         };
         /** @description An object that the server knows. */
         ObjectReport: {
@@ -562,16 +613,22 @@ export interface components {
             reference?: components["schemas"]["ReferenceReport"] | null;
             /** @description Why the reference of the object is not in use. Present if there is one that is not. */
             reference_problem?: string | null;
+            /** @description SHA-256 of the detector that looks for the object. Absent if it is in no detector's labels: send its box (`boxes`). */
+            detector_sha256?: string | null;
         };
         /** @description A pose in one of your frames. */
         PlacedReport: components["schemas"]["TransformReport"] & {
             /** @description Covariance along the axes of your frame. Your transform is taken as exact. */
             covariance: number[][];
         };
-        /** @description A pose: a unit quaternion (x, y, z, w) and a translation in metres. */
+        /** @description A pose: `rotation_xyzw` and `translation_m`, or `matrix`, or all of them as an answer has them. */
         Pose: {
-            rotation_xyzw: number[];
-            translation_m: number[];
+            /** @description Unit quaternion x, y, z, w. */
+            rotation_xyzw?: number[] | null;
+            /** @description Metres. */
+            translation_m?: number[] | null;
+            /** @description Homogeneous 4x4 matrix, row-major, metres. */
+            matrix?: number[][] | null;
         };
         /** @description One detected object. The fields of the pose are absent if no pose could be solved. */
         PoseReport: (components["schemas"]["SolvedReport"] | null) & {
@@ -623,7 +680,7 @@ export interface components {
          * @description Reason for a status other than `ok`.
          * @enum {string}
          */
-        Reason: "few_inliers" | "high_residual" | "planar_ambiguity" | "box_mismatch" | "weak_keypoints" | "no_pose" | "uncertain_pose" | "too_near" | "camera_suspect" | "grey_image" | "dark_image" | "improbable" | "not_finite" | "views_disagree" | "single_view" | "weak_baseline";
+        Reason: "few_inliers" | "high_residual" | "planar_ambiguity" | "two_answers" | "box_mismatch" | "weak_keypoints" | "no_pose" | "uncertain_pose" | "too_near" | "camera_suspect" | "grey_image" | "dark_image" | "improbable" | "not_finite" | "views_disagree" | "single_view" | "weak_baseline";
         /** @description The known facts about one reference image. */
         ReferenceImage: {
             /** @description Id of a registered camera, or a camera. */
@@ -632,6 +689,12 @@ export interface components {
             camera_from_object: components["schemas"]["Pose"];
             /** @description Box of the object: x, y, width, height in pixels. Omit this if the detector finds the object exactly once. */
             box_px?: number[] | null;
+        };
+        /** @description A pose as a reference states it. */
+        ReferencePose: {
+            /** @description Unit quaternion x, y, z, w. */
+            rotation_xyzw: number[];
+            translation_m: number[];
         };
         /** @description The calibration of the object's frame. */
         ReferenceReport: {
@@ -677,7 +740,7 @@ export interface components {
             image: string;
             camera: components["schemas"]["Camera"];
             /** @description Pose of the object in this image. */
-            camera_from_object: components["schemas"]["Pose"];
+            camera_from_object: components["schemas"]["ReferencePose"];
             /** @description Box of the object in this image: x, y, width, height in pixels. */
             box_px: number[];
             /** @description Whether the offset is computed from this image. */
@@ -709,8 +772,27 @@ export interface components {
              *     `GET /v1/limits`, or the detector's own. Ask for fewer objects (`objects`), or raise `min_confidence`.
              */
             truncated: boolean;
+            /**
+             * @description Why there is no pose of an object that was asked for by name, or no pose at all. Absent if there is nothing to say.
+             * @example [
+             *       "mustard: not in the detector's labels; send its box ('boxes')"
+             *     ]
+             */
+            hints?: string[];
             timings_ms: components["schemas"]["TimingsReport"];
             models: components["schemas"]["ModelsReport"];
+        };
+        /** @description Cameras that are fixed to each other, as in the file of the rig. Cameras that the file names are written out. */
+        Rig: {
+            /** @description In the order of the images that a request sends. */
+            cameras: components["schemas"]["RigCamera"][];
+        };
+        /** @description One of them. */
+        RigCamera: {
+            camera: components["schemas"]["Camera"];
+            rig_from_camera: components["schemas"]["Pose"];
+            /** @description Of `rig_from_camera`, along the axes of the rig. Absent if the file states none: standard deviations of 1 mm and 0.1 degrees. */
+            covariance?: number[][] | null;
         };
         /** @description A factor with its standard deviation. */
         ScaleReport: {
@@ -805,6 +887,8 @@ export interface components {
              *     Omit this for standard deviations of 1 mm and 0.1 degrees.
              */
             covariance?: number[][] | null;
+            /** @description Where the objects are in this image, as in `POST /v1/poses`. Omit this to let the detector look. */
+            boxes?: components["schemas"]["ObjectBox"][] | null;
         };
         /** @description The answer to one of the images alone. */
         ViewReport: {
@@ -813,6 +897,8 @@ export interface components {
             poses: components["schemas"]["PoseReport"][];
             /** @description Whether objects may be missing, because the number of detections reached a limit. */
             truncated: boolean;
+            /** @description As `POST /v1/poses` returns them. */
+            hints?: string[];
             timings_ms: components["schemas"]["TimingsReport"];
         };
         /** @description What one view has to do with a pose. */
@@ -908,6 +994,12 @@ export interface operations {
                 cy?: number;
                 /** @description Names of the objects to look for, separated by commas. Omit this to look for all calibrated objects. */
                 objects?: string;
+                /**
+                 * @description Where the objects are, from a detector of your own, which then replaces the server's: `OBJECT:X,Y,WIDTH,HEIGHT` in
+                 *     pixels, separated by semicolons.
+                 * @example cube:310,120,90,80;motor:20.5,200,130,110
+                 */
+                boxes?: string;
                 /** @description Maximum number of poses of each object. Omit this for no maximum. */
                 max_instances?: number;
                 /** @description Minimum confidence, 0..1. The answer omits poses below it. */
@@ -1346,6 +1438,174 @@ export interface operations {
             };
         };
     };
+    put: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Time limit for the upload, milliseconds; default: `max_timeout_ms` */
+                "x-request-timeout-ms"?: number | null;
+            };
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        /** @description A bundle */
+        requestBody: {
+            content: {
+                "application/octet-stream": number[];
+                "application/x-tar": number[];
+            };
+        };
+        responses: {
+            /** @description The object, as it is served now */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ObjectReport"];
+                };
+            };
+            /** @description The body is malformed */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server needs a token, and there is none, or an unknown one */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server runs without `--object-changes`, or the token lacks the scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The bundle exceeds `max_bundle_bytes` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The bundle is damaged, or its object cannot be served */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Another object is being changed; retry after `Retry-After` */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The models folder cannot be written to */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The bundle did not arrive in time, or its networks took too long */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    remove: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The object is gone */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The server needs a token, and there is none, or an unknown one */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The server runs without `--object-changes`, or the token lacks the scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The object is unknown */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Another object is being changed; retry after `Retry-After` */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The models folder cannot be written to */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     replace: {
         parameters: {
             query?: never;
@@ -1541,6 +1801,27 @@ export interface operations {
                 content: {
                     "application/json": {
                         [key: string]: components["schemas"]["Camera"];
+                    };
+                };
+            };
+        };
+    };
+    rigs: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": {
+                        [key: string]: components["schemas"]["Rig"];
                     };
                 };
             };
