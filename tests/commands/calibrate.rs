@@ -177,6 +177,7 @@ fn calibrate_refuses_what_is_not_there() {
 
 /// Known poses as JSON, and points clicked in two images, give the offset that the BOP scene gives.
 #[test]
+#[allow(clippy::too_many_lines, reason = "one story")]
 fn calibrate_takes_known_poses_and_clicks() {
     let scene = copy_of(SCENE);
     let read = |name: &str| -> Value { serde_json::from_slice(&fs::read(scene.path().join(name)).unwrap()).unwrap() };

@@ -70,20 +70,21 @@ fn answer_of(models: &Models) -> Result<ObjectPose, EstimateError> {
     Ok(pose.clone())
 }
 
-fn answer(seen: [Seen; 8]) -> ObjectPose {
+fn answer(seen: &[Seen; 8]) -> ObjectPose {
+    let seen = *seen;
     answer_of(&Models::new(&Manifests::default(), script(move |input| outputs(&seen, batch_of(input))))).unwrap()
 }
 
 /// Angles of the answer and of its first alternative to a pose, radians, and the alternative's weight.
 fn to(pose: &Pose, answer: &ObjectPose) -> (f64, f64, f64) {
     let solved = answer.pose.as_ref().unwrap();
-    let (alternative, weight) = solved.alternatives.first().expect("an alternative");
+    let [(alternative, weight), ..] = &solved.alternatives[..] else { panic!("no alternative") };
     (solved.camera_from_object.angle_to(pose), alternative.angle_to(pose), *weight)
 }
 
 #[test]
 fn two_answers_are_both_given_with_the_shares_of_their_peaks() {
-    let answer = answer(seen(0.5));
+    let answer = answer(&seen(0.5));
     assert_eq!(answer.verdict.status, Status::Ambiguous);
     assert!(answer.verdict.reasons.contains(Reason::TwoAnswers));
     let (own, alternative, weight) = to(&other(), &answer);
@@ -112,7 +113,7 @@ fn first_peaks_of_both_answers_make_no_pose_between_them() {
             let Seen { first, second, weight } = mixed[k];
             mixed[k] = Seen { first: second, second: first, weight };
         }
-        let answer = answer(mixed);
+        let answer = answer(&mixed);
         let (own, alternative, _) = to(&truth(), &answer);
         assert!(own < 0.01, "{own}: the pose that most first peaks show");
         assert!(alternative > 0.3 && to(&other(), &answer).1 < 0.01);
@@ -122,13 +123,13 @@ fn first_peaks_of_both_answers_make_no_pose_between_them() {
 
 #[test]
 fn faint_or_scattered_second_peaks_change_nothing() {
-    let faint = answer(seen(0.03));
+    let faint = answer(&seen(0.03));
     let mut scattered = seen(0.4);
     for (k, one) in scattered.iter_mut().enumerate() {
         let k = k as f64;
         one.second = Vector2::new(110.0 + 9.0 * k, 70.0 + (37.0 * k) % 90.0);
     }
-    let scattered = answer(scattered);
+    let scattered = answer(&scattered);
     for answer in [faint, scattered] {
         assert_eq!(answer.verdict.status, Status::Ok, "{:?}", answer.verdict.reasons.iter().collect::<Vec<_>>());
         assert!(answer.pose.unwrap().camera_from_object.angle_to(&truth()) < 0.01);

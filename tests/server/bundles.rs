@@ -19,6 +19,7 @@ fn stated(bundle: &Bundle, change: impl FnOnce(&mut Value)) -> Value {
 
 /// Each is refused with what is wrong with it; nothing changes, and nothing is left behind.
 #[tokio::test]
+#[allow(clippy::too_many_lines, reason = "one story")]
 async fn a_bundle_that_cannot_be_served_changes_nothing() {
     let folders = Folders::without_cube();
     let server = folders.serve(&["--object-changes"]);

@@ -244,7 +244,7 @@ async fn bad_options_are_refused_by_name() {
     let image = read(&samples()[0].file);
     for (query, status, code, words) in [
         ("objects=", StatusCode::BAD_REQUEST, "invalid_request", "'objects' is empty"),
-        ("objects=teapot", StatusCode::NOT_FOUND, "unknown_object", "known objects: cube"),
+        ("objects=teapot", StatusCode::NOT_FOUND, "unknown_object", "known objects: bracket, cube"),
         ("max_instances=0", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),
         ("max_instances=-1", StatusCode::BAD_REQUEST, "invalid_request", "max_instances"),
         ("min_confidence=1.5", StatusCode::BAD_REQUEST, "invalid_request", "min_confidence"),
