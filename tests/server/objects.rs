@@ -156,7 +156,8 @@ async fn changes_of_objects_are_off_unless_allowed() {
     assert_eq!(request("cell").await.unwrap().status(), StatusCode::NOT_FOUND);
     let url = server.url("/v1/objects/cube");
     for chunked in [false, true] {
-        let bytes = Bundle::of("cube").tar();
+        // Little enough that all of it is read, whoever is faster.
+        let bytes = Bundle::of("cube").tar()[..1_200_000].to_vec();
         let body = if chunked {
             reqwest::Body::wrap_stream(futures::stream::iter(
                 bytes.chunks(65536).map(|c| Ok::<_, std::io::Error>(c.to_vec())).collect::<Vec<_>>(),
