@@ -5,12 +5,10 @@ use super::state::{Innovation, Motion, State, mixture};
 use crate::geometry::{Covariance6, Pose};
 
 /// For how long an object stands still, and for how long it moves, on the average, seconds.
-const STILL_FOR_S: f64 = 10.0;
+const STILL_FOR_S: f64 = 5.0;
 const MOVING_FOR_S: f64 = 1.0;
 /// How far what stands still gets in a second, one sigma, m and rad.
 const CREEP: [f64; 2] = [1e-4, 1e-3];
-/// Squared Mahalanobis distance beyond which a measurement is a jump: the 99.99 % point of chi-square with 6 degrees.
-pub(super) const GATE: f64 = 27.86;
 /// Velocity of an object that was never seen before, one sigma, m/s and rad/s.
 const FIRST_VELOCITY: [f64; 2] = [0.5, 2.0];
 /// A motion is never ruled out, or the other one could not come back.
@@ -26,12 +24,7 @@ pub(super) struct Filter {
 }
 
 /// A measurement as both motions see it.
-pub(super) struct Fit {
-    innovations: [Innovation; 2],
-    /// As what rests takes it.
-    resting: Innovation,
-    covariances: [Covariance6; 2],
-}
+pub(super) struct Fit([Innovation; 2]);
 
 impl Filter {
     pub(super) fn new(pose: Pose, covariance: &Covariance6, options: &Options) -> Self {
@@ -41,25 +34,6 @@ impl Filter {
         ];
         let states = [State::still(pose, covariance), State::new(pose, covariance, FIRST_VELOCITY)];
         Self { states, weights: [0.5; 2], motions }
-    }
-
-    /// Of an object that was last known so many seconds ago: as it was, where it may not have moved since by the measurement with
-    /// which it is found again; anew otherwise.
-    pub(super) fn found_again(
-        last: &(Pose, Covariance6),
-        seconds: f64,
-        found: &(Pose, Covariance6),
-        options: &Options,
-    ) -> Self {
-        let mut anew = Self::new(found.0, &found.1, options);
-        let mut resting = State::still(last.0, &last.1).after(seconds, anew.motions[0]);
-        let unmoved = resting.innovation(&found.0, &found.1).filter(|innovation| innovation.distance() <= GATE);
-        if let Some(innovation) = unmoved {
-            resting.take(&innovation, &found.1);
-            anew.states[0] = resting;
-            anew.weights = [STILL_FOR_S, MOVING_FOR_S].map(|time| time / (STILL_FOR_S + MOVING_FOR_S));
-        }
-        anew
     }
 
     /// So many seconds later.
@@ -81,33 +55,28 @@ impl Filter {
         mixture(&[(self.weights[0], &self.states[0]), (self.weights[1], &self.states[1])])
     }
 
-    /// What both motions say to a measurement whose covariance counts so many times as much to each. `None` where the covariance is none.
-    pub(super) fn fit(&self, measured: &Pose, covariance: &Covariance6, alike: [f64; 2]) -> Option<Fit> {
+    /// `None` where the covariance is none.
+    pub(super) fn fit(&self, measured: &Pose, covariance: &Covariance6) -> Option<Fit> {
         let [still, moving] = &self.states;
-        let like = covariance * alike[1];
-        let innovations = [still.innovation(measured, &like)?, moving.innovation(measured, &like)?];
-        let covariances = alike.map(|factor| covariance * factor);
-        // How likely both are is asked with one covariance, or the looser one would look less likely for that alone.
-        let resting = still.innovation(measured, &covariances[0])?;
-        Some(Fit { innovations, resting, covariances })
+        Some(Fit([still.innovation(measured, covariance)?, moving.innovation(measured, covariance)?]))
     }
 
     /// Takes a measurement.
-    pub(super) fn take(&mut self, fit: &Fit) {
-        let logs = [0, 1].map(|k| self.weights[k].ln() + fit.innovations[k].log_likelihood());
+    pub(super) fn take(&mut self, fit: &Fit, covariance: &Covariance6) {
+        let logs = [0, 1].map(|k| self.weights[k].ln() + fit.0[k].log_likelihood());
         let most = logs[0].max(logs[1]);
         let likely = logs.map(|log| (log - most).exp().max(LEAST_WEIGHT));
         let sum: f64 = likely.iter().sum();
         self.weights = likely.map(|one| one / sum);
-        let [still, moving] = &mut self.states;
-        still.take(&fit.resting, &fit.covariances[0]);
-        moving.take(&fit.innovations[1], &fit.covariances[1]);
+        for (state, innovation) in self.states.iter_mut().zip(&fit.0) {
+            state.take(innovation, covariance);
+        }
     }
 }
 
 impl Fit {
     /// The squared Mahalanobis distance of the measurement from the motion that it suits best.
     pub(super) fn distance(&self) -> f64 {
-        self.innovations[0].distance().min(self.innovations[1].distance())
+        self.0[0].distance().min(self.0[1].distance())
     }
 }

@@ -7,8 +7,7 @@ pub struct Options {
     pub velocity_change_m_s: f64,
     /// The same of its turning, rad/s.
     pub turn_change_rad_s: f64,
-    /// For so long the errors of the measurements are alike, seconds: frames of one such time count as one measurement. Of an object
-    /// that rests they are alike for ten times as long.
+    /// For so long the errors of the measurements are alike, seconds: frames of one such time count as one measurement.
     pub error_memory_s: f64,
     /// For so long a track goes on without a measurement, seconds; at least for [`Options::MIN_COAST_FRAMES`] frames.
     pub max_coast_s: f64,

@@ -125,12 +125,6 @@ impl Track {
         self.measured(time_s, measurement);
     }
 
-    /// As [`restart`](Self::restart), where it was lost: what rests is known from before.
-    pub(super) fn found_again(&mut self, time_s: f64, at: &(Pose, Covariance6), measurement: usize, options: &Options) {
-        self.filter = Filter::found_again(&self.last, time_s - self.measured_s, at, options);
-        self.measured(time_s, measurement);
-    }
-
     /// Where the newest of the measurements in a row was that were too far off.
     pub(super) fn jumped_to(&self) -> Option<&Pose> {
         self.jumps.as_ref().map(|(pose, _)| pose)

@@ -2,7 +2,6 @@
 
 use thiserror::Error;
 
-use super::filter::{Fit, GATE};
 use super::options::{Options, OptionsError};
 use super::state::diagonal;
 use super::track::{Shape, Track, TrackView};
@@ -11,6 +10,8 @@ use crate::geometry::{Covariance6, Pose};
 /// Tracks at most, and as many lost ones.
 pub const MAX_TRACKS: usize = 32;
 
+/// Squared Mahalanobis distance beyond which a measurement is a jump: the 99.99 % point of chi-square with 6 degrees.
+const GATE: f64 = 27.86;
 /// Poses of one object that are nearer are of one thing: no two rigid bodies are so near. In diameters.
 const SAME_THING: f64 = 0.25;
 /// A lost track is found again within so many diameters ...
@@ -19,9 +20,6 @@ const UNMOVED: f64 = 0.5;
 const UNTURNED_RAD: f64 = 0.5;
 /// After so many jumps in a row that agree, the track was wrong and not they.
 const CONVINCING_JUMPS: u32 = 5;
-/// The errors of an object at rest are alike for so many times as long: they change as the camera goes to another side of it.
-/// One that moves must be followed before that.
-const REST: f64 = 10.0;
 /// Nothing is predicted further.
 const MAX_STEP_S: f64 = 1.0;
 
@@ -78,7 +76,7 @@ struct Pair {
     measurement: usize,
     distance: f64,
     pose: Pose,
-    fit: Fit,
+    covariance: Covariance6,
 }
 
 impl Tracker {
@@ -169,7 +167,7 @@ impl Tracker {
         }
         pairs.sort_by(|a, b| a.distance.total_cmp(&b.distance));
         let mut taken: Vec<(usize, Pose)> = Vec::new();
-        for Pair { track, measurement, pose, fit, .. } in pairs {
+        for Pair { track, measurement, pose, covariance, .. } in pairs {
             let object = self.tracks[track].object;
             let there = |(other, at): &(usize, Pose)| *other == object && self.is_same_thing(object, at, &pose);
             // A measurement is one track's, and what two tracks measure at one place is one thing.
@@ -179,8 +177,10 @@ impl Tracker {
             taken.push((object, pose));
             free.retain(|one| *one != measurement);
             let track = &mut self.tracks[track];
-            track.filter.take(&fit);
-            track.measured(time_s, measurement);
+            if let Some(fit) = track.filter.fit(&pose, &covariance) {
+                track.filter.take(&fit, &covariance);
+                track.measured(time_s, measurement);
+            }
         }
         // What is left over at a place that is taken says nothing new.
         free.retain(|one| {
@@ -196,21 +196,20 @@ impl Tracker {
         let of_track = &self.tracks[track];
         let predicted = of_track.filter.mean().pose;
         let symmetries = &self.shapes[said.object].symmetries;
-        let alike = self.alike_factors(time_s - of_track.measured_s);
+        let alike = self.alike_factor(time_s - of_track.measured_s);
         let pair = |said_pose: &Pose| {
             let (pose, covariance) = symmetries.nearest_with(said_pose, &said.covariance, &predicted);
-            let fit = of_track.filter.fit(&pose, &covariance, alike)?;
-            let distance = fit.distance();
-            (distance <= GATE).then_some(Pair { track, measurement, distance, pose, fit })
+            let covariance = covariance * alike;
+            let distance = of_track.filter.fit(&pose, &covariance)?.distance();
+            (distance <= GATE).then_some(Pair { track, measurement, distance, pose, covariance })
         };
         pair(&said.world_from_object).or_else(|| said.alternatives.iter().find_map(pair))
     }
 
-    /// By how much a measurement says less of what rests, and of what moves, than it would if its error had nothing to do with that of
-    /// the one before.
-    fn alike_factors(&self, since_s: f64) -> [f64; 2] {
+    /// By how much a measurement says less than it would if its error had nothing to do with that of the one before.
+    fn alike_factor(&self, since_s: f64) -> f64 {
         // The same as if only every so many-th frame were there, with independent errors.
-        [REST, 1.0].map(|times| (times * self.options.error_memory_s / since_s.max(1e-3)).max(1.0))
+        (self.options.error_memory_s / since_s.max(1e-3)).max(1.0)
     }
 
     fn is_same_thing(&self, object: usize, a: &Pose, b: &Pose) -> bool {
@@ -270,7 +269,7 @@ impl Tracker {
             let last = self.tracks[at].last.0;
             let (pose, covariance) = self.first(said);
             let found = self.shapes[said.object].symmetries.nearest_with(&pose, &covariance, &last);
-            self.tracks[at].found_again(time_s, &found, *measurement, &self.options);
+            self.tracks[at].restart(time_s, &found, *measurement, &self.options);
             false
         });
     }
