@@ -125,11 +125,11 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     manifest = json.loads((out / "object.json").read_text())
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
     assert manifest["second_look"]["up"] == [0, 0, 1]
-    net = export.session(out / "keypoints.onnx")
-    assert [output.name for output in net.get_outputs()] == list(export.KEYPOINT_OUTPUTS)
+    exported = export.session(out / "keypoints.onnx")
+    assert [output.name for output in exported.get_outputs()] == list(export.KEYPOINT_OUTPUTS)
     crops = np.stack([familiar.closest_crop(views, index, SIZE) for index in range(6)])
     noise = rng.integers(0, 256, crops.shape, np.uint8)
-    known, unknown = (net.run(["unfamiliarity"], {"image": images})[0] for images in (crops, noise))
+    known, unknown = (exported.run(["unfamiliarity"], {"image": images})[0] for images in (crops, noise))
     assert 0.3 < known.mean() < 3 and unknown.min() > 2 * known.max()
     parameters = sum(value.numel() for value in net.parameters())
     assert (out / "keypoints.onnx").stat().st_size < 1.2 * parameters
@@ -241,7 +241,7 @@ def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
     settings = replace(CUBE, network="paper", keypoint_shape="r-sphere", keypoint_count=5, batch=4)
     views = data.Views(settings, rendered)
     trainer = train.Trainer(settings, views.registration.keypoints, None)
-    batches = train.load(*[data.Data(settings, rendered, views)] * 2, settings, 0, workers=2)
+    batches = train.load(*[data.Data(settings, rendered, views)] * 2, settings, trainer, workers=2)
     losses = [trainer.component_step(next(batches)) for _ in range(12)]
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
     export.export_keypoints(trainer.model, views, tmp_path, {"name": "cube", "obj_id": 1}, {})
@@ -252,8 +252,12 @@ def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
 
 def test_batches_do_not_depend_on_the_workers(rendered):
     """Nor on where a training was stopped: step 5 is step 5."""
-    patches = data.Data(CUBE, rendered, data.Views(CUBE, rendered))
-    alone, shared = (train.load(patches, patches, CUBE, first, workers) for first, workers in ((0, 0), (3, 2)))
+    views = data.Views(CUBE, rendered)
+    patches = data.Data(CUBE, rendered, views)
+    trainer = train.Trainer(CUBE, views.registration.keypoints, None)
+    alone = train.load(patches, patches, CUBE, trainer, workers=0)
+    trainer.step = 3
+    shared = train.load(patches, patches, CUBE, trainer, workers=2)
     for _ in range(3):
         next(alone)
     for _ in range(4):
