@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use bare::{BareLoop, boxes_by_object};
+use bare::{BareLoop, boxes_by_object, runtime};
 use load::{Overload, closed_loop, overload};
 use numbers::{median, spread};
 use process::Server;
@@ -49,7 +49,7 @@ async fn measure() {
     let idle = server.idle_cpu_percent().await;
     let rss_start = server.rss_mib();
 
-    let mut bare = BareLoop::new(&boxes_by_object(&answer));
+    let mut bare = BareLoop::new(&runtime(), &boxes_by_object(&answer));
     let (mut bare_ms, mut alone_ms, mut stages) = (Vec::new(), Vec::new(), Vec::new());
     let (mut bare_rates, mut rates) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {

@@ -4,8 +4,13 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use posed::model::{Input, Library, Networks, Provider, Runtime};
+use posed::model::{Input, Library, Networks, ProviderSetting, Runtime};
 use serde_json::Value;
+
+/// ONNX Runtime as the server loads it by default. A process loads it once.
+pub fn runtime() -> Runtime {
+    Runtime::load(ProviderSetting::Auto, posed::model::available_cores()).unwrap()
+}
 
 pub struct BareLoop {
     networks: Networks,
@@ -16,10 +21,9 @@ pub struct BareLoop {
 
 impl BareLoop {
     /// With as many crops of each object as the service cuts.
-    pub fn new(boxes: &[(String, usize)]) -> Self {
+    pub fn new(runtime: &Runtime, boxes: &[(String, usize)]) -> Self {
         let library = Library::load(Path::new("models")).unwrap();
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let networks = Networks::load(&library, &Runtime::load(Provider::Cpu, threads).unwrap()).unwrap();
+        let networks = Networks::load(&library, runtime).unwrap();
         let input = &library.shared_detector().unwrap().manifest.input;
         let shape = [1, input.height as usize, input.width as usize, 3];
         let keypoints = boxes.iter().flat_map(|(name, count)| {

@@ -15,7 +15,7 @@ use reqwest::Client;
 use reqwest::multipart::{Form, Part};
 use serde_json::Value;
 
-use bare::{BareLoop, boxes_by_object};
+use bare::{BareLoop, boxes_by_object, runtime};
 use numbers::median;
 use process::Server;
 
@@ -32,9 +32,9 @@ fn main() {
 async fn measure() {
     let images: Vec<Vec<u8>> = IMAGES.iter().map(|path| std::fs::read(path).unwrap()).collect();
     let server = Server::start(&[]).await;
-    let mut bare = Vec::new();
+    let (runtime, mut bare) = (runtime(), Vec::new());
     for image in &images {
-        bare.push(BareLoop::new(&boxes_by_object(&server.post(image.clone()).await)));
+        bare.push(BareLoop::new(&runtime, &boxes_by_object(&server.post(image.clone()).await)));
     }
     let (mut networks, mut single, mut views) = (Vec::new(), Vec::new(), Vec::new());
     for round in 0..=ROUNDS {

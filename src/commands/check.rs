@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use super::models::ModelArgs;
 use crate::estimator::{Estimator, Parity};
-use crate::model::{ObjectModel, PoseFile, read_json};
+use crate::model::{Backend, ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, Image, decode};
 use posed_core::geometry::{Camera, Pose};
 
@@ -38,7 +38,7 @@ impl Check {
         let (mut estimator, catalogue) = self.models.estimator(&runtime)?;
         let library = &catalogue.library;
         estimator.warm_up()?;
-        println!("provider {}\n", self.models.provider);
+        println!("provider {}\n", runtime.provider());
         println!("{:<12} {:<64} difference to the trainer", "model", "sha256");
         for looking in &library.detectors {
             let name =
@@ -49,7 +49,7 @@ impl Check {
         for object in library.known() {
             let manifest = &object.manifest;
             let parity = Parity::measure(&self.models.models.join(&manifest.name), object, &runtime)?;
-            let text = parity.map_or("unknown".into(), |p| format!("{:.4} px (limit {})", p.worst_px, p.tolerance_px));
+            let text = parity.map_or("unknown".into(), |parity| parity.to_string());
             println!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
             differs.extend(parity.filter(|parity| !parity.holds()).map(|_| manifest.name.as_str()));
         }

@@ -13,7 +13,7 @@ use crate::estimator::{
     Answer, CallerFrames, Estimate as PoseEstimate, Estimator, Frame, FusedPose, PosedCamera, Selection, ViewsPicture,
     cameras_are_meant, fuse,
 };
-use crate::model::{Rig, RigCamera, read_json, write_atomically};
+use crate::model::{Backend, Rig, RigCamera, read_json, write_atomically};
 use crate::server::api::json::{Report, ReportContext, ViewsReport};
 use crate::vision::{
     DecodeError, DecodeOptions, Decoded, Image, OrientationPolicy, RawImage, RawLayout, decode, encode,
@@ -64,7 +64,8 @@ impl Estimate {
             return self.views(rig);
         }
         let camera: Camera = read_json(self.camera.as_deref().ok_or("--camera is missing")?)?;
-        let (mut estimator, catalogue) = self.models.estimator(&self.models.runtime()?)?;
+        let runtime = self.models.runtime()?;
+        let (mut estimator, catalogue) = self.models.estimator(&runtime)?;
         let boxes = self.boxes.as_deref().map(|file| Boxes::read(file, &catalogue)).transpose()?;
         self.check_overlays()?;
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
@@ -80,7 +81,7 @@ impl Estimate {
                     .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
             }
             let frames = CallerFrames::default();
-            let context = ReportContext { provider: self.models.provider, frames: &frames, captured_at: None };
+            let context = ReportContext { provider: runtime.provider(), frames: &frames, captured_at: None };
             let report = Report::new(&answer, &context);
             if !self.json {
                 print_table(path, &answer.estimate);
@@ -102,7 +103,8 @@ impl Estimate {
                 format!("{images} images for {cameras} cameras; give one image for each, in their order").into()
             );
         }
-        let (mut estimator, _) = self.models.estimator(&self.models.runtime()?)?;
+        let runtime = self.models.runtime()?;
+        let (mut estimator, _) = self.models.estimator(&runtime)?;
         let selection = Selection { allow_resize: self.allow_resize, ..Selection::ALL };
         let options = DecodeOptions { exif_orientation: self.exif_orientation, ..DecodeOptions::default() };
         let answer = |(path, camera): (&PathBuf, &RigCamera)| {
@@ -130,7 +132,7 @@ impl Estimate {
         if self.json {
             println!(
                 "{}",
-                serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, self.models.provider, None))?
+                serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, runtime.provider(), None))?
             );
         } else {
             print_fused(&fused);

@@ -5,7 +5,7 @@ use clap::Args;
 
 use crate::estimator::Estimator;
 use crate::model::{
-    Catalogue, Library, LoadError, Provider, References, Runtime, RuntimeError, Trust, available_cores,
+    Catalogue, Library, LoadError, ProviderSetting, References, Runtime, RuntimeError, Trust, available_cores,
 };
 
 /// Where the models are and how they run.
@@ -22,7 +22,7 @@ pub(super) struct ModelArgs {
     ok_probability: Option<f64>,
     /// Execution provider of the networks.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t)]
-    pub(super) provider: Provider,
+    provider: ProviderSetting,
     /// Threads for each network [default: the available cores, shared by parallel jobs].
     #[arg(long, env = "POSED_THREADS", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,

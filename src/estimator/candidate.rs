@@ -18,10 +18,9 @@ pub enum CandidateError {
     #[error(transparent)]
     Parity(#[from] ParityError),
     #[error(
-        "the keypoint net says something else here than where it was trained ({worst_px:.2} px, at most {tolerance_px} px): \
-         export it again, or check ONNX Runtime"
+        "the keypoint net says something else here than where it was trained ({0}): export it again, or check ONNX Runtime"
     )]
-    Differs { worst_px: f64, tolerance_px: f64 },
+    Differs(Parity),
     #[error(transparent)]
     Networks(#[from] UpdateError),
     #[error("{0}")]
@@ -40,8 +39,8 @@ pub fn load_candidate(
 ) -> Result<ObjectModel, CandidateError> {
     let object = ObjectModel::load_staged(folder, home, name)?;
     let parity = Parity::measure(folder, &object, backend)?;
-    if let Some(Parity { worst_px, tolerance_px }) = parity.filter(|parity| !parity.holds()) {
-        return Err(CandidateError::Differs { worst_px, tolerance_px });
+    if let Some(parity) = parity.filter(|parity| !parity.holds()) {
+        return Err(CandidateError::Differs(parity));
     }
     Ok(object)
 }

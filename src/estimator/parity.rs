@@ -15,7 +15,10 @@ use crate::model::{Backend, ManifestError, ObjectModel, RuntimeError, read_json}
 struct ParityFile {
     /// For each crop, u and v of each keypoint in crop pixels.
     keypoints_px: Vec<Vec<[f64; 2]>>,
-    tolerance_px: f64,
+    /// How far the worst one may be off.
+    tolerance_px: Option<f64>,
+    /// How far they may be off in the median: providers round 8-bit networks differently, each keypoint by its own luck.
+    median_tolerance_px: Option<f64>,
 }
 
 /// A network that cannot be compared.
@@ -27,6 +30,8 @@ pub enum ParityError {
     Crops { path: PathBuf, source: image::ImageError },
     #[error("{}: the image is {width}x{height} pixels; it must have {expected} crops of {size}x{size}, one below the other", path.display())]
     Shape { path: PathBuf, width: u32, height: u32, expected: usize, size: u32 },
+    #[error("{}: it must state 'tolerance_px' or 'median_tolerance_px', not both", path.display())]
+    Tolerance { path: PathBuf },
     #[error("{}: it has {crops} crops; at most {MAX_CROPS} are allowed", path.display())]
     TooMany { path: PathBuf, crops: usize },
     #[error(transparent)]
@@ -39,8 +44,10 @@ const MAX_CROPS: usize = 64;
 /// How far a network is from where it was trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parity {
-    pub worst_px: f64,
+    /// Of the worst keypoint, or in the median.
+    pub difference_px: f64,
     pub tolerance_px: f64,
+    pub is_median: bool,
 }
 
 impl Parity {
@@ -69,13 +76,28 @@ impl Parity {
         let mut network = object.network(backend)?;
         let found = raw_keypoints(&object.manifest, &mut network, crops.as_raw(), expected)?;
         let pairs = found.iter().zip(&file.keypoints_px).flat_map(|(found, wanted)| found.pixels.iter().zip(wanted));
-        let worst_px = pairs.map(|(found, wanted)| (found - Vector2::from(*wanted)).amax()).fold(0.0, f64::max);
-        Ok(Some(Self { worst_px, tolerance_px: file.tolerance_px }))
+        let mut differences: Vec<f64> = pairs.map(|(found, wanted)| (found - Vector2::from(*wanted)).norm()).collect();
+        differences.sort_by(f64::total_cmp);
+        let (quantile, tolerance_px) = match (file.tolerance_px, file.median_tolerance_px) {
+            (Some(worst), None) => (differences.last(), worst),
+            (None, Some(median)) => (differences.get(differences.len() / 2), median),
+            _ => return Err(ParityError::Tolerance { path: folder.join("parity.json") }),
+        };
+        let difference_px = quantile.copied().unwrap_or(0.0);
+        Ok(Some(Self { difference_px, tolerance_px, is_median: file.median_tolerance_px.is_some() }))
     }
 
     /// Whether the network is the same here.
     #[must_use]
     pub fn holds(&self) -> bool {
-        self.worst_px <= self.tolerance_px
+        self.difference_px <= self.tolerance_px
+    }
+}
+
+impl std::fmt::Display for Parity {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { difference_px, tolerance_px, is_median } = self;
+        let which = if *is_median { " in the median" } else { "" };
+        write!(formatter, "{difference_px:.4} px{which} (limit {tolerance_px})")
     }
 }

@@ -3,7 +3,7 @@ use std::path::Path;
 use super::file_version::FolderVersion;
 use super::load_error::LoadError;
 use super::manifest::{DetectorManifest, read_model};
-use super::network::{Backend, Network, RuntimeError, SizeInput};
+use super::network::{Backend, LoadOptions, Network, RuntimeError, SizeInput};
 
 /// A detector as it lies on disk, checked.
 pub struct DetectorModel {
@@ -35,7 +35,8 @@ impl DetectorModel {
     pub fn network(&self, backend: &dyn Backend) -> Result<Box<dyn Network>, RuntimeError> {
         let input = &self.manifest.input;
         let size = |name| SizeInput { name, width: input.width, height: input.height };
-        backend.load(&self.name, &self.bytes, input.size_input.as_deref().map(size))
+        let options = LoadOptions { size: input.size_input.as_deref().map(size), batches: &[1] };
+        backend.load(&self.name, &self.bytes, options)
     }
 
     /// The files that it was loaded from.

@@ -18,6 +18,7 @@ mod reference;
 mod references;
 mod rig;
 mod runtime;
+mod session;
 mod store;
 
 pub use bundle::{BundleError, BundleManifest, unpack};
@@ -34,11 +35,11 @@ pub use manifest::{
     Trust,
 };
 pub(crate) use manifest::{read_json, read_regular};
-pub use network::{Backend, Input, KeypointNet, Network, Output, Outputs, RuntimeError, SizeInput};
+pub use network::{Backend, Input, KeypointNet, LoadOptions, Network, Output, Outputs, RuntimeError, SizeInput};
 pub use networks::{Networks, NewNetworks};
 pub(crate) use object::DETECTOR;
 pub use object::ObjectModel;
-pub use provider::Provider;
+pub use provider::{Provider, ProviderSetting};
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::References;

@@ -1,5 +1,6 @@
 //! What the rest of the program knows of a network: bytes in, named tensors out.
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use half::f16;
@@ -17,6 +18,8 @@ pub enum RuntimeError {
     LibraryMissing { looked_at: Vec<PathBuf> },
     #[error("{} is not a usable ONNX Runtime library (1.24 or newer): {reason}", path.display())]
     Library { path: PathBuf, reason: String },
+    #[error("{0}")]
+    Provider(String),
     #[error("{name}: ONNX Runtime cannot load this network with provider '{provider}': {reason}")]
     Load { name: String, provider: Provider, reason: String },
     #[error("{name}: the network failed: {reason}")]
@@ -31,6 +34,50 @@ pub enum Input<'a> {
     Bytes { shape: [usize; 4], values: &'a [u8] },
     Floats { shape: [usize; 4], values: &'a [f32] },
     Halves { shape: [usize; 4], values: &'a [f16] },
+}
+
+impl<'a> Input<'a> {
+    /// The size of the batch.
+    #[must_use]
+    pub fn images(&self) -> usize {
+        match self {
+            Self::Bytes { shape, .. } | Self::Floats { shape, .. } | Self::Halves { shape, .. } => shape[0],
+        }
+    }
+
+    /// Some images of the batch.
+    #[must_use]
+    pub fn slice(&self, images: Range<usize>) -> Input<'a> {
+        fn part<T>(shape: [usize; 4], values: &[T], images: Range<usize>) -> ([usize; 4], &[T]) {
+            let [_, rows @ ..] = shape;
+            let each: usize = rows.iter().product();
+            ([images.len(), rows[0], rows[1], rows[2]], &values[images.start * each..images.end * each])
+        }
+        match *self {
+            Self::Bytes { shape, values } => {
+                let (shape, values) = part(shape, values, images);
+                Input::Bytes { shape, values }
+            }
+            Self::Floats { shape, values } => {
+                let (shape, values) = part(shape, values, images);
+                Input::Floats { shape, values }
+            }
+            Self::Halves { shape, values } => {
+                let (shape, values) = part(shape, values, images);
+                Input::Halves { shape, values }
+            }
+        }
+    }
+}
+
+/// How a network will be fed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LoadOptions<'a> {
+    /// Its input beside the image, if it has one.
+    pub size: Option<SizeInput<'a>>,
+    /// Sizes of the batches that it is given most often, 1 among them: some providers make a program for each. Other sizes
+    /// are made up of these. Empty where the network itself states the size.
+    pub batches: &'a [usize],
 }
 
 /// An input beside the image that is given the image's size: 64-bit integers `[1, 2]`.
@@ -77,6 +124,30 @@ impl Outputs {
         })
     }
 
+    /// Adds what the network says of further images.
+    ///
+    /// # Errors
+    /// When an output is not one for each image.
+    pub fn append(&mut self, more: Self) -> Result<(), RuntimeError> {
+        for tensor in more.tensors {
+            let name = self.network.clone();
+            let problem = || RuntimeError::Output {
+                name,
+                output: tensor.name.clone(),
+                problem: format!("has shape {:?} for one batch and another one for the next", tensor.shape),
+            };
+            let fits = |one: &&mut Output| one.name == tensor.name && one.shape.get(1..) == tensor.shape.get(1..);
+            match (self.tensors.iter_mut().find(fits), tensor.shape.first()) {
+                (Some(one), Some(images)) => {
+                    one.shape[0] += images;
+                    one.values.extend(tensor.values);
+                }
+                _ => return Err(problem()),
+            }
+        }
+        Ok(())
+    }
+
     /// The first output, whatever its name: the only one of most networks.
     ///
     /// # Errors
@@ -121,11 +192,11 @@ impl KeypointNet {
 
 /// What turns the bytes of a model file into a network.
 pub trait Backend: Send + Sync {
-    /// Loads a network. `name` appears in error messages. `size` is its input beside the image, if it has one.
+    /// Loads a network. `name` appears in error messages.
     ///
     /// # Errors
     /// When the bytes are not a network that can be run.
-    fn load(&self, name: &str, bytes: &[u8], size: Option<SizeInput<'_>>) -> Result<Box<dyn Network>, RuntimeError>;
+    fn load(&self, name: &str, bytes: &[u8], options: LoadOptions<'_>) -> Result<Box<dyn Network>, RuntimeError>;
 
     /// What the networks run on.
     fn provider(&self) -> Provider;

@@ -6,7 +6,7 @@ use super::file_version::FolderVersion;
 use super::in_force::InForce;
 use super::load_error::LoadError;
 use super::manifest::{KeypointManifest, read_model};
-use super::network::{Backend, KeypointNet, RuntimeError};
+use super::network::{Backend, KeypointNet, LoadOptions, RuntimeError};
 use super::reference::ReferenceError;
 use posed_core::geometry::Symmetries;
 
@@ -72,7 +72,11 @@ impl ObjectModel {
     /// # Errors
     /// When it cannot be run.
     pub fn network(&self, backend: &dyn Backend) -> Result<KeypointNet, RuntimeError> {
-        backend.load(&self.name, &self.bytes, None).map(KeypointNet::new)
+        // A first look at one box, and the crops of a further one.
+        let mut batches = vec![1, self.manifest.crop_ensemble.len().max(1)];
+        batches.dedup();
+        let options = LoadOptions { size: None, batches: &batches };
+        backend.load(&self.name, &self.bytes, options).map(KeypointNet::new)
     }
 
     /// Why the reference that its folder brings along cannot be used.

@@ -25,6 +25,8 @@ struct Graph {
     nodes: Vec<Node>,
     #[prost(message, repeated, tag = "5")]
     initializers: Vec<Tensor>,
+    #[prost(message, repeated, tag = "11")]
+    inputs: Vec<Value>,
     #[prost(message, repeated, tag = "15")]
     sparse_initializers: Vec<SparseTensor>,
 }
@@ -79,18 +81,64 @@ struct Entry {
     value: String,
 }
 
+#[derive(Clone, PartialEq, Message)]
+struct Value {
+    #[prost(string, tag = "1")]
+    name: String,
+    #[prost(message, optional, tag = "2")]
+    kind: Option<Type>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Type {
+    #[prost(message, optional, tag = "1")]
+    tensor: Option<TensorType>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct TensorType {
+    #[prost(message, optional, tag = "2")]
+    shape: Option<Shape>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Shape {
+    #[prost(message, repeated, tag = "1")]
+    axes: Vec<Axis>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Axis {
+    /// Of an axis of any size.
+    #[prost(string, tag = "2")]
+    name: String,
+}
+
 /// ONNX Runtime's own format says so in these bytes; it is not read here, so it is not loaded either.
 const ORT_FORMAT: (std::ops::Range<usize>, &[u8]) = (4..8, b"ORTM");
 
-/// Checks that a network is whole: that it is an ONNX file, and that nothing of it lies in other files.
-pub(super) fn check_is_whole(bytes: &[u8]) -> Result<(), String> {
-    if bytes.get(ORT_FORMAT.0) == Some(ORT_FORMAT.1) {
-        return Err("it is in ONNX Runtime's own format; export it as an ONNX file".into());
+/// A network that is whole.
+pub(super) struct OnnxFile {
+    batch_axis: Option<String>,
+}
+
+impl OnnxFile {
+    /// Reads what is needed, and checks that it is an ONNX file, and that nothing of it lies in other files.
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, String> {
+        if bytes.get(ORT_FORMAT.0) == Some(ORT_FORMAT.1) {
+            return Err("it is in ONNX Runtime's own format; export it as an ONNX file".into());
+        }
+        let model = Model::decode(bytes).map_err(|error| format!("it is no ONNX file: {error}"))?;
+        let graph = model.graph.ok_or("it is no ONNX file: it has no graph")?;
+        graph.check()?;
+        check_nodes(model.functions.iter().flat_map(|function| &function.nodes))?;
+        Ok(Self { batch_axis: graph.batch_axis() })
     }
-    let model = Model::decode(bytes).map_err(|error| format!("it is no ONNX file: {error}"))?;
-    let graph = model.graph.ok_or("it is no ONNX file: it has no graph")?;
-    graph.check()?;
-    check_nodes(model.functions.iter().flat_map(|function| &function.nodes))
+
+    /// The name of the axis along which its images lie, if it takes any number of them.
+    pub(super) fn batch_axis(&self) -> Option<&str> {
+        self.batch_axis.as_deref()
+    }
 }
 
 fn check_nodes<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Result<(), String> {
@@ -129,6 +177,16 @@ fn check_tensors<'a>(tensors: impl IntoIterator<Item = &'a Tensor>) -> Result<()
 }
 
 impl Graph {
+    /// The first axis of the image: of the only input with four. Older files list weights among the inputs.
+    fn batch_axis(&self) -> Option<String> {
+        let is_weight = |value: &&Value| self.initializers.iter().any(|tensor| tensor.name == value.name);
+        let axes = |value: &Value| Some(value.kind.clone()?.tensor?.shape?.axes);
+        let inputs = self.inputs.iter().filter(|value| !is_weight(value)).filter_map(axes);
+        let mut images = inputs.filter(|axes| axes.len() == 4);
+        let image = images.next().filter(|_| images.next().is_none())?;
+        image.into_iter().next().map(|axis| axis.name).filter(|name| !name.is_empty())
+    }
+
     fn check(&self) -> Result<(), String> {
         check_tensors(self.initializers.iter().chain(self.sparse_initializers.iter().flat_map(SparseTensor::parts)))?;
         check_nodes(&self.nodes)

@@ -10,7 +10,7 @@ use clap::{ArgAction, Args, ValueEnum};
 use thiserror::Error;
 
 use crate::estimator::{QueueConfig, Room};
-use crate::model::{Provider, Trust, available_cores};
+use crate::model::{ProviderSetting, Trust, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
 const LISTEN: &str = "Where to listen";
@@ -69,9 +69,9 @@ pub struct Config {
     /// How to treat an image with an EXIF orientation.
     #[arg(long, env = "POSED_EXIF_ORIENTATION", value_enum, default_value_t, help_heading = MODELS)]
     pub exif_orientation: OrientationPolicy,
-    /// Execution provider of the networks. All but cpu need an ONNX Runtime library built with it.
+    /// Execution provider of the networks. cuda and tensorrt need an ONNX Runtime library built with it.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t, help_heading = RUN)]
-    pub provider: Provider,
+    pub provider: ProviderSetting,
     /// Number of workers. Each worker has its own networks.
     #[arg(long, env = "POSED_WORKERS", default_value_t = 1, value_parser = whole::<usize>(1..=256), help_heading = RUN)]
     pub workers: usize,
@@ -324,7 +324,7 @@ mod tests {
             ("--worker-timeout-ms=1", "from 1000 to 3600000"),
             ("--max-connections=7", "from 8 to 65536"),
             ("--idle-timeout-ms=3600001", "from 100 to 3600000"),
-            ("--provider=abacus", "cpu, cuda, tensorrt, openvino"),
+            ("--provider=abacus", "auto, cpu, openvino, cuda, tensorrt"),
             ("--recalibration=maybe", "true, false"),
         ] {
             let message = command().try_get_matches_from([flag]).unwrap_err().to_string();

@@ -169,7 +169,7 @@ mod tests {
         let config = config(file, &["--queue", "7"]);
         assert_eq!((config.queue, config.workers, config.max_batch, config.threads), (7, 2, 2, Some(3)));
         assert_eq!((config.http.port(), config.grpc.port(), config.recalibration), (80, 9000, true));
-        assert_eq!(config.provider, crate::model::Provider::Cuda);
+        assert_eq!(config.provider, crate::model::ProviderSetting::Cuda);
     }
 
     #[test]
@@ -205,7 +205,10 @@ mod tests {
             ("http = \"nowhere\"", "'http' is \"nowhere\": invalid socket address"),
             ("http = 8080", "'http' is 8080: it must be a string in quotes"),
             ("models = \"\"", "'models' is \"\": it must not be empty"),
-            ("provider = \"abacus\"", "'provider' is \"abacus\": it must be one of cpu, cuda, tensorrt, openvino"),
+            (
+                "provider = \"abacus\"",
+                "'provider' is \"abacus\": it must be one of auto, cpu, openvino, cuda, tensorrt",
+            ),
             ("queue = 5\nqueue = 6", "duplicate key"),
             ("queue", "line 1"),
         ] {

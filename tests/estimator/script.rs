@@ -11,8 +11,8 @@ use image::RgbImage;
 use nalgebra::{Vector2, Vector3};
 use posed::estimator::Estimator;
 use posed::model::{
-    Backend, Input, Library, LoadError, Network, Output, Outputs, Provider, References, Runtime, RuntimeError,
-    SizeInput,
+    Backend, Input, Library, LoadError, LoadOptions, Network, Output, Outputs, Provider, ProviderSetting, References,
+    Runtime, RuntimeError,
 };
 use posed_core::geometry::{Camera, Pose};
 use serde_json::{Value, json};
@@ -58,7 +58,7 @@ impl Network for Scripted {
 }
 
 impl Backend for Script {
-    fn load(&self, _: &str, bytes: &[u8], _: Option<SizeInput<'_>>) -> Result<Box<dyn Network>, RuntimeError> {
+    fn load(&self, _: &str, bytes: &[u8], _: LoadOptions<'_>) -> Result<Box<dyn Network>, RuntimeError> {
         self.loads.fetch_add(1, Ordering::Relaxed);
         let answer = if bytes == b"detector" { &self.detector } else { &self.keypoints };
         Ok(Box::new(Scripted(Arc::clone(answer))))
@@ -102,7 +102,7 @@ pub struct Models {
 
 /// ONNX Runtime: there is one for each process.
 pub fn runtime() -> &'static Runtime {
-    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::load(Provider::Cpu, 2).unwrap());
+    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::load(ProviderSetting::Auto, 2).unwrap());
     &RUNTIME
 }
 

@@ -90,11 +90,10 @@ def main() -> None:
     keypoints.set_defaults(run=lazily("run_keypoints"))
     detect.set_defaults(run=lazily("run_detector"))
 
-    quantizing = commands.add_parser("quantize", help="copy an exported keypoint net to compute in 8 bits, and compare")
-    quantizing.add_argument("settings", type=Path, help="train.toml of its training")
-    quantizing.add_argument("model", type=Path, help="model folder")
+    quantizing = commands.add_parser("quantize", help="copy an exported network to compute in 8 bits, and compare")
+    quantizing.add_argument("model", type=Path, help="model folder, of an object or of the detector")
     quantizing.add_argument("out", type=Path, help="new model folder")
-    quantizing.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    quantizing.add_argument("--split", type=Path, required=True, help="BOP split that it learned from")
     quantizing.set_defaults(run=lazily("run_quantize"))
 
     arguments = parser.parse_args()

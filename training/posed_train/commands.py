@@ -109,11 +109,11 @@ def run_keypoints(arguments: argparse.Namespace) -> None:
     out = arguments.models / settings.name
     export.export_keypoints(net.cpu(), views, out, identity, summary, settings.symmetries_discrete)
     print(f"{out}: {summary}")
+    print(quantize.quantize_keypoints(out, [views.all[index] for index in views.registration.placed]))
 
 
 def run_quantize(arguments: argparse.Namespace) -> None:
-    settings = config.load(arguments.settings, config.KeypointConfig)
-    print(quantize.table(quantize.quantize(settings, arguments.data, arguments.model, arguments.out)))
+    print(quantize.quantize(arguments.model, arguments.out, arguments.split))
 
 
 def run_detector(arguments: argparse.Namespace) -> None:
@@ -127,3 +127,6 @@ def run_detector(arguments: argparse.Namespace) -> None:
     out = arguments.models / "detector"
     export.export_detector(model.cpu(), settings.labels, out, summary, settings.score_threshold)
     print(f"{out}: {summary}")
+    splits = [settings.photoreal] if isinstance(settings.photoreal, str) else settings.photoreal
+    images = [path for split in splits for path in sorted((arguments.data / split).glob("*/rgb/*"))]
+    print(quantize.quantize_detector(out, images))

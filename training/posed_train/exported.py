@@ -19,6 +19,12 @@ from .bop import DatasetError
 from .validate import Predictor
 
 PREFIX = "net."
+STORED_AS_INTEGERS = [
+    ("_integers", "_scale"),  # export.store_as_bytes
+    ("_quantized", "_scale"),  # quantize.quantize_network: weights
+    ("_quantized", "_quantized_scale"),  # and biases
+]
+"""Suffixes of integers, and of the scale of each output channel."""
 
 
 def session(path: Path) -> onnxruntime.InferenceSession:
@@ -41,11 +47,12 @@ def read_weights(path: Path) -> dict[str, Tensor]:
         raise DatasetError(f"--init {path}: not an ONNX file that posed-train exported ({error})") from None
     weights = {}
     for name, value in stored.items():
-        if not name.startswith(PREFIX) or name.endswith("_scale"):
+        if not name.startswith(PREFIX) or name.endswith(("_scale", "_zero_point")):
             continue
-        if name.endswith("_integers"):  # see export.store_as_bytes
-            name = name.removesuffix("_integers")
-            value = value * stored[f"{name}_scale"]
+        for integers, scale in STORED_AS_INTEGERS:
+            if name.endswith(integers) and f"{name.removesuffix(integers)}{scale}" in stored:
+                name = name.removesuffix(integers)
+                value = value * stored[f"{name}{scale}"].reshape(-1, *[1] * (value.ndim - 1))
         weights[name.removeprefix(PREFIX)] = torch.tensor(value, dtype=torch.float32)
     return weights
 

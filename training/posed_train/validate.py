@@ -23,7 +23,7 @@ class Predictor:
     heights: np.ndarray | None = None
 
 
-CROP_ENSEMBLE = (Variant(0.95, -10), Variant(), Variant(1.05, 10))
+CROP_ENSEMBLE = (Variant(0.97, -7), Variant(1.03, 7))
 """The crops that keypoints are averaged over."""
 MAX_LOOKS = 4
 """From the second one on, a look is followed by another only where its keypoints lie elsewhere than it was cut for."""

@@ -19,6 +19,7 @@ from posed_train import (
     detector,
     efficientnet,
     export,
+    exported,
     familiar,
     network,
     quantize,
@@ -125,11 +126,11 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     manifest = json.loads((out / "object.json").read_text())
     assert manifest["model_sha256"] == export.sha256(out / "keypoints.onnx")
     assert manifest["second_look"]["up"] == [0, 0, 1]
-    exported = export.session(out / "keypoints.onnx")
-    assert [output.name for output in exported.get_outputs()] == list(export.KEYPOINT_OUTPUTS)
+    stored = export.session(out / "keypoints.onnx")
+    assert [output.name for output in stored.get_outputs()] == list(export.KEYPOINT_OUTPUTS)
     crops = np.stack([familiar.closest_crop(views, index, SIZE) for index in range(6)])
     noise = rng.integers(0, 256, crops.shape, np.uint8)
-    known, unknown = (exported.run(["unfamiliarity"], {"image": images})[0] for images in (crops, noise))
+    known, unknown = (stored.run(["unfamiliarity"], {"image": images})[0] for images in (crops, noise))
     assert 0.3 < known.mean() < 3 and unknown.min() > 2 * known.max()
     parameters = sum(value.numel() for value in net.parameters())
     assert (out / "keypoints.onnx").stat().st_size < 1.2 * parameters
@@ -145,15 +146,20 @@ def test_trains_resumes_and_exports(rendered, tmp_path):
     assert np.ptp(again, axis=0).max() > 1, "the crops differ, and so do their keypoints"
 
     small = tmp_path / "int8" / "cube"
-    scores = quantize.quantize(CUBE, rendered, out, small)
-    assert set(scores) == {"float", "int8"}
+    assert "computes in 8 bits" in quantize.quantize(out, small, rendered / "train")
     kinds = lambda folder: {node.op_type for node in onnx.load(folder / "keypoints.onnx").graph.node}  # noqa: E731
     assert "QuantizeLinear" in kinds(small) - kinds(out)
     near = export.predictor(small / "keypoints.onnx").run(crops)[0]
-    assert 0 < np.median(np.abs(near - again)) < 2
+    stated = json.loads((small / "parity.json").read_text())
+    distance = np.median(np.linalg.norm(near - np.array(stated["keypoints_px"]), axis=-1))
+    assert 0 < distance <= stated["median_tolerance_px"]
+    float_weights, weights = (exported.read_weights(folder / "keypoints.onnx") for folder in (out, small))
+    assert weights.keys() == float_weights.keys()
+    for name, value in weights.items():
+        np.testing.assert_allclose(value, float_weights[name], rtol=1e-4, atol=1e-3 * value.abs().max(), err_msg=name)
     assert json.loads((small / "object.json").read_text())["model_sha256"] == export.sha256(small / "keypoints.onnx")
-    with pytest.raises(bop.DatasetError, match="not trained with these settings"):
-        quantize.quantize(replace(CUBE, keypoint_shape="octahedron"), rendered, out, tmp_path / "never")
+    with pytest.raises(bop.DatasetError, match="no images"):
+        quantize.quantize_keypoints(out, [])
 
 
 def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(rendered, tmp_path):

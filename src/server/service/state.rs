@@ -84,10 +84,11 @@ impl Service {
         if config.recalibration {
             references.check_writable().map_err(LoadError::from)?;
         }
-        tell_what_is_served(&library, &references, config);
+        tell_what_is_served(&library, &references);
         let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
         let runtime = Arc::new(runtime);
         let provider = runtime.provider();
+        tracing::info!("provider: {provider}; workers: {}, of {} threads each", config.workers, config.threads());
         let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers as u64;
         let current = Arc::new(Current::new(Arc::new(Catalogue { library, references })));
         watch::references(&current);
@@ -165,7 +166,7 @@ impl Service {
     }
 }
 
-fn tell_what_is_served(library: &Library, references: &References, config: &Config) {
+fn tell_what_is_served(library: &Library, references: &References) {
     for name in library.without_model() {
         tracing::warn!("object {name} is not available: it has no model folder");
     }
@@ -180,5 +181,5 @@ fn tell_what_is_served(library: &Library, references: &References, config: &Conf
         let problem = problem.unwrap_or_else(|| format!("it is not calibrated; run `posed calibrate {name}`"));
         tracing::warn!("object {name} is not available: {problem}");
     }
-    tracing::info!("objects: {}; provider: {}", calibrated.join(", "), config.provider);
+    tracing::info!("objects: {}", calibrated.join(", "));
 }

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import detector, export
+from .. import detector, export, quantize
 from .. import train as training
 from ..bop import DatasetError, View, read_json, read_views
 from ..check import check
@@ -91,6 +91,7 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
     identity = {"name": item.name, "obj_id": item.obj_id}
     model = plan.models / item.name
     export.export_keypoints(net.cpu(), placed, model, identity, summary, settings.symmetries_discrete)
+    print(quantize.quantize_keypoints(model, [placed.all[index] for index in placed.registration.placed]))
     results.write(out, export.sha256(model / "keypoints.onnx"), settings.network, last, step, placed)
     print("\n".join([f"{item.name}: {in_words(spread)}", *(f"  - {one}" for one in weaknesses(project, item, plan))]))
 
@@ -127,7 +128,9 @@ def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> 
     )
     model = detector.train(settings, root, root / f"run-{'-'.join(labels)}")
     summary = {"steps": settings.steps, "validation": {}}
-    export.export_detector(model.cpu(), labels, plan.models / "detector", summary, settings.score_threshold)
+    folder = plan.models / "detector"
+    export.export_detector(model.cpu(), labels, folder, summary, settings.score_threshold)
+    print(quantize.quantize_detector(folder, sorted((root / SPLIT).glob("*/rgb/*"))))
 
 
 def gather(wanted: list[tuple[Project, int, int]], out: Path) -> None:
