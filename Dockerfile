@@ -9,7 +9,8 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /build
 COPY scripts/fetch-onnxruntime.sh scripts/
-RUN scripts/fetch-onnxruntime.sh
+# The image below has no zlib, which ONNX Runtime with OpenVINO needs, and looks for beside itself.
+RUN scripts/fetch-onnxruntime.sh && cp --dereference /usr/lib/*-linux-gnu/libz.so.1 .onnxruntime/
 COPY Cargo.toml Cargo.lock build.rs ./
 COPY proto proto
 COPY benches benches
@@ -22,7 +23,7 @@ RUN cargo build --release --locked --bin posed
 # glibc, libstdc++ and nothing else: no shell, no package manager; runs as uid 65532.
 FROM gcr.io/distroless/cc-debian13:nonroot
 WORKDIR /app
-COPY --from=build /build/target/release/posed /build/.onnxruntime/libonnxruntime.so ./
+COPY --from=build /build/target/release/posed /build/.onnxruntime/*.so* ./
 COPY models models
 # Its own user may write here, for servers that allow recalibration.
 COPY --chown=65532:65532 reference reference

@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track hot-add films evaluate-films
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve bench-networks soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track hot-add films evaluate-films
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -67,8 +67,16 @@ bench: onnxruntime ## Times the solver, the stages around the networks and the e
 	cargo bench --locked --package posed-core --bench pnp --bench views
 	cargo bench --locked --bench stages --bench evaluation
 
-bench-serve: onnxruntime ## Compares the server with a bare loop, and overloads it; writes docs/benchmarks/serve.md.
-	POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
+# The demo models before they computed in 8 bits.
+BASELINE := b1f939f
+target/baseline/models:
+	mkdir -p target/baseline && git archive $(BASELINE) models | tar -x -C target/baseline
+
+bench-serve: onnxruntime target/baseline/models ## Compares the server with bare loops, and overloads it; writes docs/benchmarks/serve.md.
+	POSED_BASELINE=target/baseline/models POSED_BENCH_OUT=docs/benchmarks/serve.md cargo bench --locked --bench serve
+
+bench-networks: onnxruntime target/baseline/models ## Times the networks on every provider that runs here; writes docs/benchmarks/providers.md.
+	POSED_BASELINE=target/baseline/models POSED_BENCH_OUT=docs/benchmarks/providers.md cargo bench --locked --bench networks
 
 bench-views: onnxruntime ## Compares three views as one request with their networks alone, and with three requests.
 	cargo bench --locked --bench views

@@ -14,6 +14,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use posed::model::{ProviderSetting, Runtime, available_cores};
 use serde_json::Value;
 
 use bare::{BareLoop, boxes_by_object, runtime};
@@ -49,7 +50,10 @@ async fn measure() {
     let idle = server.idle_cpu_percent().await;
     let rss_start = server.rss_mib();
 
-    let mut bare = BareLoop::new(&runtime(), &boxes_by_object(&answer));
+    let runtime = runtime();
+    let boxes = boxes_by_object(&answer);
+    let mut bare = BareLoop::new(&runtime, Path::new("models"), &boxes);
+    let mut baseline = Baseline::of(&runtime, &boxes);
     let (mut bare_ms, mut alone_ms, mut stages) = (Vec::new(), Vec::new(), Vec::new());
     let (mut bare_rates, mut rates) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
@@ -62,17 +66,79 @@ async fn measure() {
             alone_ms.push(start.elapsed().as_secs_f64() * 1e3);
             stages.push(answer["timings_ms"].clone());
         }
+        if let Some(baseline) = &mut baseline {
+            baseline.compare(&server, &image).await;
+        }
     }
     // The clients were there for half a minute and more, in all rounds together.
     let rss_busy = server.rss_mib();
     let capacity = median(&rates);
     let over = overload(&server, &image, 2.0 * capacity, OVERLOAD).await;
-    let report =
-        Report { starts, idle, rss_start, rss_busy, bare_ms, alone_ms, stages, bare_rates, rates, over, answer };
+    let report = Report {
+        starts,
+        idle,
+        rss_start,
+        rss_busy,
+        bare_ms,
+        alone_ms,
+        stages,
+        bare_rates,
+        rates,
+        baseline,
+        over,
+        answer,
+    };
     let text = report.text();
     print!("{text}");
     if let Some(path) = std::env::var_os("POSED_BENCH_OUT") {
         std::fs::write(Path::new(&path), text).unwrap();
+    }
+}
+
+/// What one request cost before: a bare loop over earlier networks on the CPU provider, against today's service.
+struct Baseline {
+    /// For all objects, and for one.
+    loops: [(Vec<String>, BareLoop); 2],
+    /// For each, milliseconds of the loop and of the service, in turns.
+    pairs: [Vec<(f64, f64)>; 2],
+}
+
+impl Baseline {
+    /// With the models in `POSED_BASELINE`.
+    fn of(runtime: &Runtime, boxes: &[(String, usize)]) -> Option<Self> {
+        let models = std::env::var_os("POSED_BASELINE")?;
+        let cpu = runtime.with(ProviderSetting::Cpu, available_cores()).unwrap();
+        let one = &boxes[..1];
+        let alone = |boxes: &[(String, usize)]| BareLoop::new(&cpu, Path::new(&models), boxes);
+        let loops = [(Vec::new(), alone(boxes)), (vec![one[0].0.clone()], alone(one))];
+        Some(Self { loops, pairs: [Vec::new(), Vec::new()] })
+    }
+
+    async fn compare(&mut self, server: &Server, image: &[u8]) {
+        for ((objects, bare), pairs) in self.loops.iter_mut().zip(&mut self.pairs) {
+            let objects: Vec<&str> = objects.iter().map(String::as_str).collect();
+            for _ in 0..PAIRS {
+                let before = bare.run();
+                let start = Instant::now();
+                server.post_for(image.to_vec(), &objects).await;
+                pairs.push((before, start.elapsed().as_secs_f64() * 1e3));
+            }
+        }
+    }
+
+    fn text(&self, boxes: usize) -> String {
+        let row = |objects: usize, pairs: &[(f64, f64)]| {
+            let (before, now): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+            let ratios: Vec<f64> = pairs.iter().map(|(before, now)| now / before).collect();
+            format!("| {objects} | {:.1} | {:.1} | **{:.2}** |", median(&before), median(&now), median(&ratios))
+        };
+        format!(
+            "\n## Against 32-bit networks\n\nOne client, against a bare loop over the networks before they computed in 8 bits, with \
+             three crops in the second look instead of two, on ONNX Runtime's CPU provider.\n\n\
+             | objects | bare loop, ms | `POST /v1/poses`, ms | ratio |\n|---|---|---|---|\n{}\n{}\n",
+            row(1, &self.pairs[1]),
+            row(boxes, &self.pairs[0])
+        )
     }
 }
 
@@ -86,6 +152,7 @@ struct Report {
     stages: Vec<Value>,
     bare_rates: Vec<f64>,
     rates: Vec<f64>,
+    baseline: Option<Baseline>,
     over: Overload,
     answer: Value,
 }
@@ -126,6 +193,9 @@ impl Report {
         let clients =
             format!("resident memory after {CLIENTS} clients for {:.0} s, MiB", ROUNDS as f64 * ROUND.as_secs_f64());
         line(&mut text, &clients, format!("**{:.0}**", self.rss_busy));
+        if let Some(baseline) = &self.baseline {
+            text.push_str(&baseline.text(boxes));
+        }
         let over = &self.over;
         let goodput = over.answered as f64 / OVERLOAD.as_secs_f64();
         writeln!(

@@ -21,8 +21,8 @@ pub struct BareLoop {
 
 impl BareLoop {
     /// With as many crops of each object as the service cuts.
-    pub fn new(runtime: &Runtime, boxes: &[(String, usize)]) -> Self {
-        let library = Library::load(Path::new("models")).unwrap();
+    pub fn new(runtime: &Runtime, models: &Path, boxes: &[(String, usize)]) -> Self {
+        let library = Library::load(models).unwrap();
         let networks = Networks::load(&library, runtime).unwrap();
         let input = &library.shared_detector().unwrap().manifest.input;
         let shape = [1, input.height as usize, input.width as usize, 3];

@@ -52,7 +52,14 @@ impl Server {
     }
 
     pub async fn post(&self, image: Vec<u8>) -> Value {
-        let response = self.request(image).send().await.unwrap();
+        self.post_for(image, &[]).await
+    }
+
+    /// Of some objects only; none is all.
+    pub async fn post_for(&self, image: Vec<u8>, objects: &[&str]) -> Value {
+        let names = [("objects", objects.join(","))];
+        let request = self.request(image).query(if objects.is_empty() { &names[..0] } else { &names });
+        let response = request.send().await.unwrap();
         assert!(response.status().is_success());
         serde_json::from_slice(&response.bytes().await.unwrap()).unwrap()
     }

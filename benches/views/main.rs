@@ -9,6 +9,7 @@ mod numbers;
 #[path = "../support/process.rs"]
 mod process;
 
+use std::path::Path;
 use std::time::Instant;
 
 use reqwest::Client;
@@ -34,7 +35,7 @@ async fn measure() {
     let server = Server::start(&[]).await;
     let (runtime, mut bare) = (runtime(), Vec::new());
     for image in &images {
-        bare.push(BareLoop::new(&runtime, &boxes_by_object(&server.post(image.clone()).await)));
+        bare.push(BareLoop::new(&runtime, Path::new("models"), &boxes_by_object(&server.post(image.clone()).await)));
     }
     let (mut networks, mut single, mut views) = (Vec::new(), Vec::new(), Vec::new());
     for round in 0..=ROUNDS {

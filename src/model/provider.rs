@@ -17,7 +17,8 @@ pub enum Provider {
 /// What the user wants to run the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ProviderSetting {
-    /// `OpenVINO` where it is installed and the processor is one that it is faster on, else the CPU provider.
+    /// `OpenVINO` where it is installed and the processor is one that it is faster on, else the CPU provider, which also runs
+    /// single networks that `OpenVINO` cannot.
     #[default]
     Auto,
     Cpu,

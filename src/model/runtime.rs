@@ -11,7 +11,10 @@ use super::session::{Batch, OnnxNetwork};
 /// The loaded ONNX Runtime.
 pub struct Runtime {
     environment: Environment,
+    library: PathBuf,
     provider: Provider,
+    /// Whether the CPU provider runs what this one cannot.
+    falls_back: bool,
     threads: usize,
 }
 
@@ -31,6 +34,7 @@ impl Runtime {
     /// When no library is found there, or it is not ONNX Runtime, or the stated provider cannot run on this machine.
     pub fn load(provider: ProviderSetting, threads: usize) -> Result<Self, RuntimeError> {
         let path = find_library()?;
+        let falls_back = provider == ProviderSetting::Auto;
         let provider = provider.resolve(&path).map_err(RuntimeError::Provider)?;
         let unusable = |reason: String| RuntimeError::Library { path: path.clone(), reason };
         let environment = ort::init_from(&path)
@@ -38,12 +42,23 @@ impl Runtime {
             .with_telemetry(false)
             .build()
             .map_err(|error| unusable(error.to_string()))?;
-        Ok(Self { environment, provider, threads })
+        Ok(Self { environment, library: path, provider, falls_back, threads })
     }
 
-    fn session(&self, bytes: &[u8], fixed: Option<(&str, usize)>) -> ort::Result<Session> {
+    /// The same library with another provider or other threads: a process loads it once.
+    ///
+    /// # Errors
+    /// When the stated provider cannot run on this machine.
+    pub fn with(&self, provider: ProviderSetting, threads: usize) -> Result<Self, RuntimeError> {
+        let falls_back = provider == ProviderSetting::Auto;
+        let provider = provider.resolve(&self.library).map_err(RuntimeError::Provider)?;
+        let (environment, library) = (self.environment.clone(), self.library.clone());
+        Ok(Self { environment, library, provider, falls_back, threads })
+    }
+
+    fn session(&self, provider: Provider, bytes: &[u8], fixed: Option<(&str, usize)>) -> ort::Result<Session> {
         let mut builder = Session::builder(&self.environment)?
-            .with_execution_providers(self.provider.execution_providers(self.threads))?
+            .with_execution_providers(provider.execution_providers(self.threads))?
             .with_intra_threads(self.threads)?
             // A spinning pool burns a core between requests.
             .with_intra_op_spinning(false)?;
@@ -53,11 +68,17 @@ impl Runtime {
         builder.commit_from_memory(bytes)
     }
 
-    fn sessions(&self, file: &OnnxFile, bytes: &[u8], batches: &[usize]) -> ort::Result<Vec<(Batch, Session)>> {
-        match file.batch_axis().filter(|_| self.provider.prefers_fixed_batches() && !batches.is_empty()) {
-            None => Ok(vec![(Batch::Any, self.session(bytes, None)?)]),
+    fn sessions(
+        &self,
+        provider: Provider,
+        file: &OnnxFile,
+        bytes: &[u8],
+        batches: &[usize],
+    ) -> ort::Result<Vec<(Batch, Session)>> {
+        match file.batch_axis().filter(|_| provider.prefers_fixed_batches() && !batches.is_empty()) {
+            None => Ok(vec![(Batch::Any, self.session(provider, bytes, None)?)]),
             Some(axis) => {
-                let fixed = |&size| Ok((Batch::Of(size), self.session(bytes, Some((axis, size)))?));
+                let fixed = |&size| Ok((Batch::Of(size), self.session(provider, bytes, Some((axis, size)))?));
                 batches.iter().map(fixed).collect()
             }
         }
@@ -68,7 +89,16 @@ impl Backend for Runtime {
     fn load(&self, name: &str, bytes: &[u8], options: LoadOptions<'_>) -> Result<Box<dyn Network>, RuntimeError> {
         let failed = |reason| RuntimeError::Load { name: name.into(), provider: self.provider, reason };
         let file = OnnxFile::read(bytes).map_err(failed)?;
-        let sessions = self.sessions(&file, bytes, options.batches).map_err(|error| failed(error.to_string()))?;
+        let on = |provider| self.sessions(provider, &file, bytes, options.batches);
+        let sessions = match on(self.provider) {
+            // OpenVINO cannot read some networks that are as they should be: one with a constant for an output, say.
+            Err(error) if self.falls_back && self.provider != Provider::Cpu => {
+                tracing::warn!("{name}: it runs on the CPU provider, since {} cannot run it: {error}", self.provider);
+                on(Provider::Cpu)
+            }
+            sessions => sessions,
+        };
+        let sessions = sessions.map_err(|error| failed(error.to_string()))?;
         Ok(Box::new(OnnxNetwork::new(name, sessions, options.size).map_err(failed)?))
     }
 

@@ -64,7 +64,7 @@ fn what_cannot_be_served_is_not_added() {
     let before = std::fs::read(models.path().join("cube/object.json")).unwrap();
     let folder = scratch.path().join("cube");
     Bundle::of("cube").write(&folder);
-    change(&folder.join("parity.json"), |json| json["keypoints_px"][0][0][0] = 500.into());
+    change(&folder.join("parity.json"), |json| json["median_tolerance_px"] = 0.001.into());
     let damaged = scratch.path().join("cube.posed");
     let mut bytes = Bundle::of("cube").tar();
     bytes.truncate(bytes.len() / 2);

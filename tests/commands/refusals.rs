@@ -166,3 +166,19 @@ fn a_missing_runtime_is_explained() {
     let output = posed(&["serve"]).args(FREE_PORTS).env("ORT_DYLIB_PATH", wrong).output().unwrap();
     assert!(explanation(&output).contains("not a usable ONNX Runtime library"));
 }
+
+/// `auto` takes what is there; what is stated must be there.
+#[test]
+fn openvino_is_looked_for_beside_the_runtime() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = folder.path().join("libonnxruntime.so");
+    std::os::unix::fs::symlink(root().join(".onnxruntime/libonnxruntime.so"), &library).unwrap();
+    let check =
+        |provider: &str| posed(&["check", "--provider", provider]).env("ORT_DYLIB_PATH", &library).output().unwrap();
+    let said = explanation(&check("openvino"));
+    assert!(said.contains("OpenVINO") || said.contains("libonnxruntime_providers_openvino.so is missing"), "{said}");
+    assert!(said.contains("--provider cpu"), "{said}");
+    let output = check("auto");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8(output.stdout).unwrap().starts_with("provider cpu\n"));
+}

@@ -9,6 +9,7 @@ mod isolation;
 mod lens;
 #[path = "../support/onnx.rs"]
 mod onnx;
+mod providers;
 mod queue;
 mod real;
 mod script;
