@@ -18,7 +18,7 @@ PAGE = """\
 
 `make bench-compare` writes this page in {minutes:.0f} minutes: posed, and what a good engineer would write in an
 afternoon. Servers and clients share {cores} cores. All servers run, but only one is loaded at a time: {rounds} rounds,
-in each {seconds:g} s for every number of clients and every server, one after the other. Rates are medians of the rounds,
+in each {seconds:g} s for every number of clients and every server, one after the other. Rates are medians of rounds,
 ratios medians of neighbours, latencies of all requests. The load average of other work was {before:.1f} when it
 began{noise}.
 
