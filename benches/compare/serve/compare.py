@@ -26,12 +26,18 @@ CPU, OPENVINO = "CPUExecutionProvider", "OpenVINOExecutionProvider"
 CLIENTS = (1, 4, 8, 16)
 QUEUE = 16
 """Images that posed lets wait; a peer is measured without a limit and with this one."""
+ONE_IMAGE = "one image at once, networks of 2 threads"
 CHOICES = {
-    "one image at once, networks of 2 threads": ["--pool=1", "--threads=2"],
+    ONE_IMAGE: ["--pool=1", "--threads=2"],
     "the same, spinning": ["--pool=1", "--threads=2", "--spin"],
     "two images at once, networks of 1 thread": ["--pool=2", "--threads=1"],
     "two images at once, networks of 2 threads": ["--pool=2", "--threads=2"],
     "two processes, networks of 1 thread": ["--workers=2", "--pool=1", "--threads=1"],
+}
+POSED_CHOICES = {
+    ONE_IMAGE: [],  # its default on two cores
+    "two images at once, networks of 1 thread": ["--workers=2", "--threads=1"],
+    "two images at once, networks of 2 threads": ["--workers=2", "--threads=2"],
 }
 
 
@@ -82,7 +88,7 @@ class Run:
     def start(self, name, settings=()):
         log = self.work / "log"
         if name == "posed":
-            server = Posed(self.cameras, self.image, log)
+            server = Posed(self.cameras, list(settings), self.image, log)
         else:
             kind, venv, provider, nets = self.kinds[name]
             server = kind(name, venv, provider, nets, self.cameras, list(settings), self.image, log)
@@ -96,10 +102,11 @@ class Run:
     def measure(self):
         results = {"cores": os.cpu_count(), "load_before": os.getloadavg(), "began": time.time()}
         results["choices"] = choices = self.choose()
-        best = {name: max(tried, key=lambda t: np.prod(tried[t])) for name, tried in choices.items()}
+        best = {name: max(tried, key=lambda t: np.prod(tried[t]["rates"])) for name, tried in choices.items()}
+        best["posed"] = ONE_IMAGE
         # Triton runs the same estimator: it gets the same settings, without processes of its own.
-        threads = {choice: rates for choice, rates in choices["FastAPI, OpenVINO"].items() if "process" not in choice}
-        best["Triton, OpenVINO"] = max(threads, key=lambda t: np.prod(threads[t]))
+        threads = {choice: of for choice, of in choices["FastAPI, OpenVINO"].items() if "process" not in choice}
+        best["Triton, OpenVINO"] = max(threads, key=lambda t: np.prod(threads[t]["rates"]))
         results["best"] = best
         names = ["posed", *self.kinds]
         settings = {name: CHOICES[best[name]] if name != "posed" else [] for name in names}
@@ -117,13 +124,12 @@ class Run:
         results["one"] = self.rounds(servers, (1, 8), self.args.rounds, self.args.seconds * 2 / 3, "cube")
         results["over"], results["rss_mib"] = {}, {}
         for name, server in servers.items():
-            capacity = float(np.median([r["rate"] for r in results["four"][name]["8"]]))
-            self.overload(results["over"], name, server, capacity)
-            results["rss_mib"][name] = server.rss_mib()
+            self.overload(results["over"], name, server)
+            results["rss_mib"][name] = server.usage()[0]
             server.stop()
             if name != "posed":
                 limited = self.start(name, [*settings[name], f"--queue={QUEUE}"])
-                self.overload(results["over"], f"{name}, limit", limited, capacity)
+                self.overload(results["over"], f"{name}, limit", limited)
                 limited.stop()
         results["load_after"], results["ended"] = os.getloadavg(), time.time()
         return results
@@ -131,22 +137,25 @@ class Run:
     def choose(self):
         """What an engineer would try: each setting with 1 and 8 clients, in turns."""
         tried = {}
-        for name in self.kinds:
+        for name in ("posed", *self.kinds):
             if name.startswith("Triton"):
                 continue
             servers = {}
-            for choice, settings in CHOICES.items():
+            for choice, settings in (POSED_CHOICES if name == "posed" else CHOICES).items():
                 if "spinning" not in choice or self.kinds[name][2] == CPU:
                     servers[choice] = self.start(name, settings)
             rates = {choice: ([], []) for choice in servers}
+            tried[name] = {choice: {"cpu_ms": []} for choice in servers}
             for _ in range(2):
                 for choice, server in servers.items():
                     for at, clients in enumerate((1, 8)):
-                        load = asyncio.run(client.closed(server.port, server.message(self.image), clients, 2.0))
-                        rates[choice][at].append(load.rate)
-            for server in servers.values():
+                        load = server.closed(server.message(self.image), clients, 2.0)
+                        rates[choice][at].append(load["rate"])
+                        tried[name][choice]["cpu_ms"].append(load["cpu_ms"])
+            for choice, server in servers.items():
+                tried[name][choice]["rates"] = [float(np.mean(of)) for of in rates[choice]]
+                tried[name][choice]["rss_mib"] = server.usage()[0]
                 server.stop()
-            tried[name] = {choice: [float(np.mean(r)) for r in of] for choice, of in rates.items()}
             say(name, tried[name])
         return tried
 
@@ -167,13 +176,14 @@ class Run:
             for count in clients:
                 for name, server in servers.items():
                     message = server.message(self.image, objects=objects)
-                    load = asyncio.run(client.closed(server.port, message, count, seconds))
-                    results[name][str(count)].append(vars(load) | {"rate": load.rate})
+                    results[name][str(count)].append(server.closed(message, count, seconds))
             rates = {name: {c: round(of[c][-1]["rate"], 1) for c in of} for name, of in results.items()}
             say(f"round {number + 1}{' ' + objects if objects else ''}", rates)
         return results
 
-    def overload(self, results, name, server, capacity):
+    def overload(self, results, name, server):
+        """At twice what it can do in this minute: others work here, too."""
+        capacity = server.closed(server.message(self.image), 8, self.args.seconds)["rate"]
         load = asyncio.run(client.opened(server.port, server.message(self.image), 2 * capacity, self.args.overload))
         results[name] = vars(load) | {"rate": load.rate, "asked": 2 * capacity}
         answered = {k: len(v) if isinstance(v, list) else v for k, v in results[name].items()}

@@ -36,8 +36,9 @@ says nothing of whether an answer is right.
 
 ## Settings of the peers
 
-Images/s with 1 and 8 clients in two short rounds. The rest of the page is for the setting with the largest product of
-the two (bold).{triton_setting}
+Images/s with 1 and 8 clients in two short rounds; time of processors for an image, ms; memory after it, MiB. The rest
+of the page is for the setting of a peer with the largest product of the two rates, and for posed's default
+(bold).{triton_setting}
 
 {choices}
 
@@ -51,6 +52,10 @@ Latency in ms, p50 / p99:
 
 {four_latency}
 
+Time of processors for an image, ms. Other work on the machine changes it less than rates:
+
+{four_cpu}
+
 ## One object asked for (`objects=cube`): images/s
 
 {one}
@@ -61,9 +66,9 @@ Latency in ms, p50 / p99:
 
 ## Twice the capacity
 
-For {overload:g} s each server is asked twice its own rate with 8 clients, at fixed times whatever it does. Answers that
-come later are waited for. posed lets 16 images wait and refuses more. The peers have no limit; they are measured again
-with one of 16 (Triton counts those in progress apart).
+For {overload:g} s each server is asked twice the rate that it has just had with 8 clients, at fixed times whatever it
+does. Answers that come later are waited for. posed lets 16 images wait and refuses more. The peers have no limit; they
+are measured again with one of 16 (Triton counts those in progress apart).
 
 {over}
 
@@ -123,6 +128,7 @@ def text(args, results, picture):
         picture=picture,
         four=rates(results["four"], names),
         four_latency=latencies(results["four"], names),
+        four_cpu=processors(results["four"], names),
         one=rates(results["one"], names),
         one_latency=latencies(results["one"], names),
         overload=args.overload,
@@ -143,10 +149,13 @@ def table(head, rows):
 
 def choices(results):
     tried, rows = results["choices"], []
-    for choice in next(iter(tried.values())):
+    for choice in tried["FastAPI, floats"]:
         row = [choice]
         for name, of in tried.items():
-            cell = " / ".join(f"{rate:.1f}" for rate in of[choice]) if choice in of else ""
+            cell = ""
+            if choice in of:
+                one, eight = of[choice]["rates"]
+                cell = f"{one:.1f} / {eight:.1f}; {np.mean(of[choice]['cpu_ms']):.0f}; {of[choice]['rss_mib']:.0f}"
             row.append(f"**{cell}**" if results["best"][name] == choice else cell)
         rows.append(row)
     return table(["setting", *tried], rows)
@@ -170,6 +179,14 @@ def latencies(loads, names):
     for clients in loads["posed"]:
         of = [np.concatenate([load["answered"] for load in loads[name][clients]]) for name in names]
         rows.append([clients, *map(spread, of)])
+    return table(["clients", *names], rows)
+
+
+def processors(loads, names):
+    rows = []
+    for clients in loads["posed"]:
+        of = [[load["cpu_ms"] for load in loads[name][clients]] for name in names]
+        rows.append([clients, *(f"{np.median(times):.0f}" for times in of)])
     return table(["clients", *names], rows)
 
 

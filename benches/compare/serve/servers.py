@@ -59,19 +59,27 @@ class Server:
     def json(self, body):
         return body
 
-    def rss_mib(self):
-        """Of the process and all below it."""
-        total, below = 0, [self.process.pid]
+    def usage(self):
+        """Resident memory in MiB and time of processors in seconds, of the process and all below it."""
+        memory, ticks, below = 0, 0, [self.process.pid]
         while below:
             process = Path(f"/proc/{below.pop()}")
             try:
                 lines = (process / "status").read_text().splitlines()
-                total += sum(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
+                memory += sum(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
+                ticks += sum(map(int, (process / "stat").read_text().rsplit(")", 1)[1].split()[11:13]))
                 tasks = list((process / "task").iterdir())
                 below += [int(child) for task in tasks for child in (task / "children").read_text().split()]
             except OSError:
                 continue
-        return total / 1024
+        return memory / 1024, ticks / os.sysconf("SC_CLK_TCK")
+
+    def closed(self, message, clients, seconds):
+        """A load, and the milliseconds of processors that an image took."""
+        before = self.usage()[1]
+        load = asyncio.run(client.closed(self.port, message, clients, seconds))
+        spent = 1e3 * (self.usage()[1] - before)
+        return vars(load) | {"rate": load.rate, "cpu_ms": spent / max(len(load.answered), 1)}
 
     def stop(self):
         """Also what it started."""
@@ -88,15 +96,15 @@ class Server:
 class Posed(Server):
     name = "posed"
 
-    def __init__(self, cameras, image, log):
-        self.cameras = cameras
+    def __init__(self, cameras, settings, image, log):
+        self.cameras, self.settings = cameras, settings
         super().__init__(image, log)
 
     def command(self):
         grpc, admin = self.more_ports
         ports = {"http": self.port, "grpc": grpc, "admin": admin}
         addresses = [f"--{name}=127.0.0.1:{port}" for name, port in ports.items()]
-        return [ROOT / "target/release/posed", "serve", *addresses, f"--cameras={self.cameras}", "--log=error"]
+        return [ROOT / "target/release/posed", "serve", *addresses, f"--cameras={self.cameras}", "--log=error", *self.settings]
 
 
 class Peer(Server):
