@@ -103,8 +103,8 @@ class Posed(Server):
     def command(self):
         grpc, admin = self.more_ports
         ports = {"http": self.port, "grpc": grpc, "admin": admin}
-        addresses = [f"--{name}=127.0.0.1:{port}" for name, port in ports.items()]
-        return [ROOT / "target/release/posed", "serve", *addresses, f"--cameras={self.cameras}", "--log=error", *self.settings]
+        given = [*(f"--{name}=127.0.0.1:{port}" for name, port in ports.items()), f"--cameras={self.cameras}"]
+        return [ROOT / "target/release/posed", "serve", *given, "--log=error", *self.settings]
 
 
 class Peer(Server):
