@@ -1,6 +1,6 @@
 # `make serve` and `make test` are all that is needed; each sets up what it uses.
 
-.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve bench-networks soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track hot-add films evaluate-films
+.PHONY: help serve test build onnxruntime page-tools page-types page-check page-pictures lint advisories bench bench-pnp bench-serve bench-networks soak openapi fmt train-env train-test render-env fresh-scenes evaluate-fresh fuzz bench-views bench-track hot-add films evaluate-films bench-compare
 
 help: ## Lists the targets.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -103,6 +103,18 @@ $(COMPARE)/.done: benches/compare/requirements.txt
 
 bench-pnp: onnxruntime $(COMPARE)/.done ## Compares the solver with OpenCV and PoseLib; writes docs/benchmarks/pnp.md.
 	$(COMPARE)/bin/python benches/compare/pnp.py docs/benchmarks/pnp.md
+
+SERVERS := benches/compare/serve
+$(SERVERS)/.venv-%/.done: $(SERVERS)/requirements-%.txt
+	python3 -m venv $(@D)
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
+	touch $@
+
+# Triton is for some processors alone; the rest goes on without it.
+SPLIT ?=
+bench-compare: onnxruntime build $(SERVERS)/.venv-cpu/.done $(SERVERS)/.venv-openvino/.done ## Compares the server with FastAPI and Triton around the same networks (SPLIT: a BOP split); writes docs/benchmarks/compare.md.
+	-$(MAKE) --no-print-directory $(SERVERS)/.venv-triton/.done
+	$(SERVERS)/.venv-cpu/bin/python $(SERVERS)/compare.py docs/benchmarks/compare.md $(if $(SPLIT),--split $(SPLIT)) $(COMPARE_FLAGS)
 
 VENV := training/.venv
 UV := 0.13.9
