@@ -54,7 +54,9 @@ fn main() {
     }
     let crops = image::open(folders[0].1.join("cube/parity.png")).unwrap().into_rgb8().into_raw();
     for _ in 0..ROUNDS {
-        candidates.iter_mut().for_each(|candidate| candidate.measure(&crops));
+        for candidate in &mut candidates {
+            candidate.measure(&crops);
+        }
     }
     let text = text(&candidates);
     print!("{text}");

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use posed::model::{ProviderSetting, Runtime, available_cores};
 use serde_json::Value;
 
-use bare::{BareLoop, boxes_by_object, runtime};
+use bare::{BareLoop, boxes_by_object, defaults, rate, runtime};
 use load::{Overload, closed_loop, overload};
 use numbers::{median, spread};
 use process::Server;
@@ -52,15 +52,17 @@ async fn measure() {
 
     let runtime = runtime();
     let boxes = boxes_by_object(&answer);
-    let mut bare = BareLoop::new(&runtime, Path::new("models"), &boxes);
+    let workers = defaults().workers();
+    let one = |_| BareLoop::new(&runtime, Path::new("models"), &boxes);
+    let mut bare: Vec<BareLoop> = (0..workers).map(one).collect();
     let mut baseline = Baseline::of(&runtime, &boxes);
     let (mut bare_ms, mut alone_ms, mut stages) = (Vec::new(), Vec::new(), Vec::new());
     let (mut bare_rates, mut rates) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
-        bare_rates.push(bare.rate(ROUND));
+        bare_rates.push(rate(&mut bare, ROUND));
         rates.push(closed_loop(&server, &image, CLIENTS, ROUND).await);
         for _ in 0..PAIRS {
-            bare_ms.push(bare.run());
+            bare_ms.push(bare[0].run());
             let start = Instant::now();
             let answer = server.post(image.clone()).await;
             alone_ms.push(start.elapsed().as_secs_f64() * 1e3);
@@ -169,11 +171,13 @@ impl Report {
         writeln!(
             text,
             "# Serving\n\n`make bench-serve`: the real server and its clients share {} cores. One 640x480 JPEG ({} KB) with {boxes} detected boxes, \
-             one worker. Bare loop and service take turns: {ROUNDS} rounds of {} s each with {CLIENTS} clients, and {PAIRS} pairs of \
-             single images in each round. Medians; those of ratio and difference are of neighbours. The bare loop runs the same \
+             {} workers of {} threads. Bare loops, as many as workers, and service take turns: {ROUNDS} rounds of {} s each with {CLIENTS} clients, and {PAIRS} pairs of \
+             single images in each round. Medians; those of ratio and difference are of neighbours. A bare loop runs the same \
              sessions on the same shapes with the same threads, and does nothing else.\n\n| | |\n|---|---|",
             std::thread::available_parallelism().map_or(0, usize::from),
             std::fs::metadata(SAMPLE).unwrap().len() / 1000,
+            defaults().workers(),
+            defaults().threads(),
             ROUND.as_secs_f64()
         )
         .unwrap();

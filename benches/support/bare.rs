@@ -4,12 +4,28 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use clap::{Args as _, FromArgMatches as _};
 use posed::model::{Input, Library, Networks, ProviderSetting, Runtime};
+use posed::server::Config;
 use serde_json::Value;
 
 /// ONNX Runtime as the server loads it by default. A process loads it once.
 pub fn runtime() -> Runtime {
-    Runtime::load(ProviderSetting::Auto, posed::model::available_cores()).unwrap()
+    Runtime::load(ProviderSetting::Auto, defaults().threads()).unwrap()
+}
+
+/// The settings of a server that was given none.
+pub fn defaults() -> Config {
+    let command = Config::augment_args(clap::Command::new("posed"));
+    Config::from_arg_matches(&command.get_matches_from(["posed"])).unwrap()
+}
+
+/// Images per second of several loops at once, as many as the server has workers.
+pub fn rate(loops: &mut [BareLoop], time: Duration) -> f64 {
+    std::thread::scope(|scope| {
+        let running: Vec<_> = loops.iter_mut().map(|one| scope.spawn(|| one.rate(time))).collect();
+        running.into_iter().map(|one| one.join().unwrap()).sum()
+    })
 }
 
 pub struct BareLoop {

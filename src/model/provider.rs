@@ -17,8 +17,8 @@ pub enum Provider {
 /// What the user wants to run the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ProviderSetting {
-    /// `OpenVINO` where it is installed and the processor is one that it is faster on, else the CPU provider, which also runs
-    /// single networks that `OpenVINO` cannot.
+    /// OpenVINO where it is installed and the processor is one that it is faster on, else the CPU provider, which also runs
+    /// single networks that OpenVINO cannot.
     #[default]
     Auto,
     Cpu,
@@ -35,10 +35,17 @@ const OPENVINO_LIBRARY: &str = "libonnxruntime_providers_openvino.so";
 const OPENVINO_SETTINGS: &str = r#"{"CPU": {"INFERENCE_PRECISION_HINT": "f32", "ENABLE_CPU_PINNING": "NO"}}"#;
 
 impl ProviderSetting {
+    /// Whether several workers of one thread each are faster than one of several: two threads of OpenVINO wait for each
+    /// other in a loop.
+    #[must_use]
+    pub fn prefers_workers(self) -> bool {
+        cfg!(target_arch = "x86_64") && matches!(self, Self::Auto | Self::Openvino)
+    }
+
     /// The provider for this machine. `library` is ONNX Runtime's.
     ///
     /// # Errors
-    /// When `OpenVINO` is stated and cannot run here. Whether a GPU can be used shows when a network is loaded.
+    /// When OpenVINO is stated and cannot run here. Whether a GPU can be used shows when a network is loaded.
     pub fn resolve(self, library: &Path) -> Result<Provider, String> {
         match self {
             Self::Cpu => Ok(Provider::Cpu),
@@ -50,7 +57,7 @@ impl ProviderSetting {
     }
 }
 
-/// Why `OpenVINO` cannot run here, or would not be faster.
+/// Why OpenVINO cannot run here, or would not be faster.
 fn openvino_problem(library: &Path) -> Option<String> {
     if !has_avx2() {
         return Some("OpenVINO needs an x86-64 processor with AVX2; use --provider cpu".into());

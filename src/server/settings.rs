@@ -24,6 +24,9 @@ const LOGS: &str = "Logs";
 /// Memory that the largest image must be able to use, for each of its pixels.
 const BYTES_PER_PIXEL: u64 = 16;
 
+/// By default: each takes memory of its own.
+const MOST_WORKERS: usize = 4;
+
 /// The settings. Their comments are the texts of `--help` and `--print-config`.
 #[derive(Args, Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "settings, each for itself")]
@@ -72,10 +75,10 @@ pub struct Config {
     /// Execution provider of the networks. cuda and tensorrt need an ONNX Runtime library built with it.
     #[arg(long, env = "POSED_PROVIDER", value_enum, default_value_t, help_heading = RUN)]
     pub provider: ProviderSetting,
-    /// Number of workers. Each worker has its own networks.
-    #[arg(long, env = "POSED_WORKERS", default_value_t = 1, value_parser = whole::<usize>(1..=256), help_heading = RUN)]
-    pub workers: usize,
-    /// Threads for each network. Omit this to share the available cores among the workers.
+    /// Number of workers. Each worker has its own networks. Omit this to have one; with OpenVINO, one for each core, four at most.
+    #[arg(long, env = "POSED_WORKERS", value_parser = whole::<usize>(1..=256), help_heading = RUN)]
+    pub workers: Option<usize>,
+    /// Threads for each network. Omit this to share the available cores among the workers; with OpenVINO, to have one.
     #[arg(long, env = "POSED_THREADS", value_parser = whole::<usize>(1..=256), help_heading = RUN)]
     pub threads: Option<usize>,
     /// Maximum number of images that a worker processes together.
@@ -237,17 +240,25 @@ impl Config {
         Ok(())
     }
 
+    /// Workers: as set, or those that are fastest (docs/design.md).
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        let cores = if self.provider.prefers_workers() { available_cores() } else { 1 };
+        self.workers.unwrap_or_else(|| cores.min(MOST_WORKERS))
+    }
+
     /// Threads for each network: as set, or the cores (of the container, if it has a quota) shared among the workers.
     #[must_use]
     pub fn threads(&self) -> usize {
-        self.threads.unwrap_or_else(|| (available_cores() / self.workers).max(1))
+        let share = if self.provider.prefers_workers() { 1 } else { available_cores() / self.workers() };
+        self.threads.unwrap_or_else(|| share.max(1))
     }
 
     pub(super) fn queue(&self) -> QueueConfig {
         QueueConfig {
             room: Room { images: self.queue, bytes: self.queue_bytes, pixel_bytes: self.pixel_bytes },
             decoders: self.decoders,
-            workers: self.workers,
+            workers: self.workers(),
             max_batch: self.max_batch,
             batch_delay: Duration::from_millis(self.batch_delay_ms),
             worker_timeout: Duration::from_millis(self.worker_timeout_ms),

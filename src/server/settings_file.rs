@@ -167,7 +167,7 @@ mod tests {
         let file =
             "queue = 5\nworkers = 2\nrecalibration = true\nhttp = \"[::1]:80\"\nthreads = 3\nprovider = \"cuda\"\n";
         let config = config(file, &["--queue", "7"]);
-        assert_eq!((config.queue, config.workers, config.max_batch, config.threads), (7, 2, 2, Some(3)));
+        assert_eq!((config.queue, config.workers, config.max_batch, config.threads), (7, Some(2), 2, Some(3)));
         assert_eq!((config.http.port(), config.grpc.port(), config.recalibration), (80, 9000, true));
         assert_eq!(config.provider, crate::model::ProviderSetting::Cuda);
     }

@@ -88,6 +88,8 @@ impl Server {
     }
 
     fn run(mut command: Command) -> Self {
+        // Tests of queues and deadlines count on one.
+        command.env("POSED_WORKERS", "1");
         let mut child = command.env("NO_COLOR", "1").stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let mut seen = String::new();

@@ -128,7 +128,7 @@ impl Memory {
             workers_bytes,
             connections_bytes: connections.bytes,
             object_changes_bytes: if config.object_changes {
-                ((OBJECT_COPIES + NETWORK_COPIES * config.workers) * config.max_bundle_bytes) as u64
+                ((OBJECT_COPIES + NETWORK_COPIES * config.workers()) * config.max_bundle_bytes) as u64
             } else {
                 0
             },

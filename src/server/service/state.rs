@@ -88,8 +88,8 @@ impl Service {
         let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
         let runtime = Arc::new(runtime);
         let provider = runtime.provider();
-        tracing::info!("provider: {provider}; workers: {}, of {} threads each", config.workers, config.threads());
-        let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers as u64;
+        tracing::info!("provider: {provider}; workers: {}, of {} threads each", config.workers(), config.threads());
+        let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers() as u64;
         let current = Arc::new(Current::new(Arc::new(Catalogue { library, references })));
         watch::references(&current);
         let of_workers = (Arc::clone(&current), Arc::clone(&runtime));
