@@ -5,6 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from conftest import run
 
 from posed_train import agreement, bop
 from posed_train.onboard import project as projects
@@ -108,3 +109,22 @@ def test_spoiled_settings_are_refused(tmp_path, spoiled):
     (tmp_path / "object.toml").write_text(content)
     with pytest.raises(bop.DatasetError, match=words):
         projects.load(tmp_path)
+
+
+def test_spoiled_files_of_drawn_boxes_are_refused(scene, tmp_path):
+    (tmp_path / "object.toml").write_text(OBJECT)
+    file = tmp_path / "boxes.json"
+    for content, words in (
+        ("[" * 100_000, "nested too deeply"),
+        ('{"bad photos": [["a.jpg"]]}', "list of photos' names"),
+    ):
+        file.write_text(content)
+        with pytest.raises(SystemExit, match=words):
+            run("label", tmp_path, "--box", file)
+
+
+@pytest.mark.parametrize("words", ["--max-px 0", "--max-px -5", "--frames 0", "--tag-mm nan"])
+def test_numbers_that_cannot_be_are_refused(tmp_path, words, capsys):
+    with pytest.raises(SystemExit):
+        run("new", tmp_path / "cup", tmp_path, "--tag-mm", "26", *words.split())
+    assert f"argument {words.split()[0]}" in capsys.readouterr().err
