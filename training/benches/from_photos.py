@@ -22,7 +22,8 @@ from benches.own_object import OBJ_IDS, TAG_MM, command
 from posed_train.bop import stated_pose
 from posed_train.metrics import rotation_error_deg, translation_error_m
 
-POSED = Path(__file__).parents[2] / "target/release/posed"
+ROOT = Path(__file__).parents[2]
+POSED, RUNTIME = ROOT / "target/release/posed", ROOT / ".onnxruntime/libonnxruntime.so"
 OBJECTS = ("bottle", "crackers")
 # Drawn by eye: x, y, w, h. Every third photo, from the second on, is held out.
 DRAWN = {
@@ -113,7 +114,8 @@ def copy_meshes(folder: Path, out: Path) -> None:
 
 
 def run(*words) -> None:
-    subprocess.run(list(map(str, words)), check=True, stdout=subprocess.DEVNULL)
+    environment = {"ORT_DYLIB_PATH": str(RUNTIME)} | os.environ
+    subprocess.run(list(map(str, words)), check=True, stdout=subprocess.DEVNULL, env=environment)
 
 
 def read_estimates(path: Path, number: int) -> dict[tuple[int, int], np.ndarray]:
