@@ -137,8 +137,8 @@ def test_a_solid_that_is_too_narrow_does_not_narrow_the_hull(monkeypatch):
 
     monkeypatch.setattr(outlines, "look", look)
     boxes = [(frame, bounds(bottle, frame)) for frame in frames[:3]]
-    near, wide = outlines.find_hulls(boxes, narrow, frames, None)
-    assert around(near, narrow).size[0] < 0.08
+    (near, cramped), (wide, _) = outlines.find_hulls(boxes, narrow, frames, None)
+    assert cramped and around(near, narrow).size[0] < 0.08
     np.testing.assert_allclose(around(wide, narrow).size, bottle.size, atol=0.015)
 
 

@@ -6,10 +6,9 @@ a white face vanishes before a white board; (b) GrabCut within the carved boxes,
 the hull's outline, right for all other shapes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import cv2
 import numpy as np
@@ -140,11 +139,14 @@ def find_shape(drawn: Drawn, solid: Solid, frames: Sequence[Frame], read: Read) 
     judged = [frame for frame, _ in boxes]
     judged += [frame for frame in sample[::3] if frame.image_id not in {one.image_id for one in judged}]
     plain = Shape(solid, None, 0, 0)
-    ways = [judge(plain, look(judged, read, solid, near_outline(plain.project, BAND_OF_SOLID)), boxes)]
-    for hull in find_hulls(boxes, solid, [*sample, *judged], read):
-        shape = Shape(voxels.around(hull, solid), hull, 0, 0)
-        ways.append(judge(shape, look(judged, read, shape.solid, near_outline(hull.project, BAND_OF_HULL)), boxes))
-    return reduce(better, ways)
+    shape = judge(plain, look(judged, read, solid, near_outline(plain.project, BAND_OF_SOLID)), boxes)
+    for hull, cramped in find_hulls(boxes, solid, [*sample, *judged], read):
+        other = Shape(voxels.around(hull, solid), hull, 0, 0)
+        seen = look(judged, read, other.solid, near_outline(hull.project, BAND_OF_HULL))
+        shape = better(shape, judge(other, seen, boxes))
+        if shape.hull is not hull or not cramped:  # a hull that the solid is better than need not be a larger one
+            break
+    return shape
 
 
 def better(simple: Shape, other: Shape) -> Shape:
@@ -159,17 +161,15 @@ def judge(shape: Shape, seen: list[Seen], boxes: list[tuple[Frame, np.ndarray]])
     return replace(shape, agreement=agreement(seen, boxes), consistency=float(np.median(alike)) if alike else 0.0)
 
 
-def find_hulls(boxes: list[tuple[Frame, np.ndarray]], solid: Solid, sample: Sequence[Frame], read: Read) -> list[Hull]:
-    """One found near the solid; and, if that was too small for it, one found in all that the boxes leave room for."""
+def find_hulls(
+    boxes: list[tuple[Frame, np.ndarray]], solid: Solid, sample: Sequence[Frame], read: Read
+) -> Iterator[tuple[Hull, bool]]:
+    """One found near the solid; then one found in all that the boxes leave room for. And whether it has too little."""
     sample = list({frame.image_id: frame for frame in sample}.values())
-    hulls = []
     for outer, sides in voxels.rooms(solid, lambda points: voxels.carve(points, boxes, OUTER_SLACK, OUTER_SLACK_PX)):
         hull = find_hull_within(outer, solid, sample, read)
         if hull is not None:
-            hulls.append(hull)
-            if not voxels.is_cramped(hull, solid, sides):
-                break
-    return hulls
+            yield hull, voxels.is_cramped(hull, solid, sides)
 
 
 def find_hull_within(outer: Hull, solid: Solid, sample: Sequence[Frame], read: Read) -> Hull | None:
