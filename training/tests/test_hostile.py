@@ -5,9 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+import torch
 from conftest import run
 
-from posed_train import agreement, bop
+from posed_train import agreement, bop, optimise
 from posed_train.onboard import project as projects
 
 GOOD = {
@@ -128,3 +129,23 @@ def test_numbers_that_cannot_be_are_refused(tmp_path, words, capsys):
     with pytest.raises(SystemExit):
         run("new", tmp_path / "cup", tmp_path, "--tag-mm", "26", *words.split())
     assert f"argument {words.split()[0]}" in capsys.readouterr().err
+
+
+def test_checkpoints_that_are_none_are_refused(tmp_path):
+    """A full disk or a killed copy leaves such files; people give others."""
+    path = tmp_path / "checkpoint.pt"
+    for content in (b"", b"junk", b"PK\x03\x04 and no more"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint"):
+            optimise.load(path, "cpu", ["average"])
+    torch.save({"step": 3}, path)
+    assert optimise.load(path, "cpu", ["step"]) == {"step": 3}
+    with pytest.raises(ValueError, match="has no average"):
+        optimise.load(path, "cpu", ["average"])
+    with pytest.raises(OSError, match="No such file"):
+        optimise.load(tmp_path / "nowhere.pt", "cpu", [])
+    other = optimise.Run(torch.nn.Linear(2, 2), 1e-3, 10)
+    other.save(path)
+    optimise.Run(torch.nn.Linear(2, 2), 1e-3, 10).resume(path, torch.device("cpu"))
+    with pytest.raises(ValueError, match="of another network; remove it"):
+        optimise.Run(torch.nn.Linear(2, 3), 1e-3, 10).resume(path, torch.device("cpu"))
