@@ -69,7 +69,8 @@ def stands_still(views: Sequence[View], component: Component) -> list[str]:
             continue
         others = np.zeros_like(mask)
         for path in view.mask_path.parent.glob(f"{view.image_id:06d}_*.png"):
-            if path != view.mask_path and (other := cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) is not None:
+            other = None if path == view.mask_path else cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            if other is not None and other.shape == mask.shape:
                 others |= other
         value = contrast(image, mask, others)
         if value is not None:
@@ -104,7 +105,23 @@ def masks_found(views: Sequence[View]) -> tuple[str, list[str]]:
                     f"{folder}: {len(without)} masks are missing; it has {there[0].name}, but masks are named as "
                     f"{without[0].image_id:06d}_000000.png: the image's number and the object's place in scene_gt.json"
                 )
-    return words, problems + masks_agree(found)
+    return words, problems + masks_readable(found) + masks_agree(found)
+
+
+def masks_readable(views: Sequence[View]) -> list[str]:
+    """A mask that cannot be read is none, and without one the net learns what is around the object."""
+    bad = []
+    for view, size in zip(views, image_sizes(views)):
+        try:
+            with Image.open(view.mask_path) as mask:
+                good = mask.size == tuple(size)
+        except OSError:
+            good = False
+        if not good:
+            bad.append(f"{view.scene}/{view.mask_path.name}")
+    if not bad:
+        return []
+    return [f"{len(bad)} masks cannot be read, or are not of their image's size: {', '.join(bad[:NAMED])}"]
 
 
 def masks_agree(views: Sequence[View]) -> list[str]:

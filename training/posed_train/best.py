@@ -9,12 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from torch import nn
 
 from .data import Views
 from .metrics import rotation_error_deg, translation_error_m
-from .optimise import save
+from .optimise import load, save
 from .validate import Prediction, Predictor, predict_views, solve_pose
 
 
@@ -68,7 +67,7 @@ class Best:
         self.path = path
         self.standing: Standing | None = None
         if resumed and path.exists():
-            self.standing = Standing(**torch.load(path, map_location="cpu", weights_only=True)["standing"])
+            self.standing = Standing(**load(path, "cpu", ["standing"])["standing"])
 
     def offer(self, net: nn.Module, step: int, found: Standing | None) -> None:
         if found is not None and (self.standing is None or found.better_than(self.standing)):
@@ -83,6 +82,6 @@ class Best:
         """Gives the net the best weights; returns their step, or `None` where nothing told which are best."""
         if self.standing is None:
             return None
-        state = torch.load(self.path, map_location="cpu", weights_only=True)
+        state = load(self.path, "cpu", ("step", "average"))
         net.load_state_dict(state["average"])
         return state["step"]

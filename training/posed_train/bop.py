@@ -5,6 +5,7 @@ the OpenCV camera frame; pixel centres are at integer coordinates.
 """
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import numpy as np
 METRES_PER_MILLIMETRE = 1e-3
 JPEG_QUALITY = 92
 MIN_BOX_PX = 16
+LEAST_DETERMINANT = 0.1
+"""Of what may pass for a rotation: `check` looks closer."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +41,35 @@ class DatasetError(ValueError):
 
 def read_json(path: Path) -> dict:
     try:
-        return json.loads(path.read_text())
+        content = json.loads(path.read_text())
     except FileNotFoundError:
         raise DatasetError(f"{path}: missing; a BOP scene needs this file") from None
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: not valid JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path}: must be a JSON object, {{...}}")
+    return content
+
+
+def read_scene(scene_dir: Path) -> tuple[dict, dict, dict]:
+    """What `scene_gt`, `scene_gt_info` and `scene_camera` say, by the image's number."""
+    tables = tuple(read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera"))
+    for name, table, kind in zip(("gt", "gt_info", "camera"), tables, (list, list, dict)):
+        for key, entry in table.items():
+            where = f"{scene_dir / f'scene_{name}.json'}: image {key}"
+            if not (key.isascii() and key.isdigit()):
+                raise DatasetError(f"{where}: images are numbers")
+            if not isinstance(entry, kind) or (kind is list and not all(isinstance(one, dict) for one in entry)):
+                raise DatasetError(f"{where}: must be {'a list of objects, [{...}]' if kind is list else '{...}'}")
+    return tables
+
+
+def numbers(value: object, count: int, where: str) -> np.ndarray:
+    """`[count]`, all finite."""
+    good = isinstance(value, list) and len(value) == count
+    if not good or not all(isinstance(one, int | float) and math.isfinite(one) for one in value):
+        raise DatasetError(f"{where} of {count} numbers")
+    return np.array(value, float)
 
 
 def image_path(scene_dir: Path, image_id: int) -> Path:
@@ -57,7 +84,7 @@ def read_views(split: Path, obj_id: int, min_visible: float = 0.0, min_box_px: i
     """All views of one object in a BOP split (a folder of scene folders), in a stable order."""
     views = []
     for scene_dir in scene_folders(split):
-        poses, infos, cameras = (read_json(scene_dir / f"scene_{name}.json") for name in ("gt", "gt_info", "camera"))
+        poses, infos, cameras = read_scene(scene_dir)
         for key in sorted(poses, key=int):
             rows = infos.get(key, [])
             if len(rows) != len(poses[key]):
@@ -88,12 +115,11 @@ def read_view(scene_dir: Path, image_id: int, index: int, pose: dict, info: dict
     where = f"{scene_dir}: image {image_id}"
     if camera is None:
         raise DatasetError(f"{where} is in scene_gt.json, but not in scene_camera.json")
-    box = info.get("bbox_visib")
-    if not isinstance(box, list) or len(box) != 4:
-        raise DatasetError(f"{where}: scene_gt_info.json has no bbox_visib [x, y, w, h] for object {pose['obj_id']}")
-    matrix = camera.get("cam_K")
-    if not isinstance(matrix, list) or len(matrix) != 9:
-        raise DatasetError(f"{where}: scene_camera.json has no cam_K of 9 numbers")
+    numbers(info.get("bbox_visib"), 4, f"{where}: scene_gt_info.json has no bbox_visib [x, y, w, h]")
+    matrix = numbers(camera.get("cam_K"), 9, f"{where}: scene_camera.json has no cam_K")
+    visible = info.get("visib_fract", 1.0)
+    if not isinstance(visible, int | float):
+        raise DatasetError(f"{where}: scene_gt_info.json has a visib_fract that is no number")
     mask = scene_dir / "mask_visib" / f"{image_id:06d}_{index:06d}.png"
     return View(
         split=str(scene_dir.parent),
@@ -101,27 +127,25 @@ def read_view(scene_dir: Path, image_id: int, index: int, pose: dict, info: dict
         image_id=image_id,
         image_path=image_path(scene_dir, image_id),
         mask_path=mask if mask.exists() else None,
-        camera_matrix=np.array(matrix, float).reshape(3, 3),
-        camera_from_object=stated_pose(pose, "m2c"),
-        camera_from_world=stated_pose(camera, "w2c"),
-        box=tuple(box),
-        visible_fraction=info.get("visib_fract", 1.0),
+        camera_matrix=matrix.reshape(3, 3),
+        camera_from_object=stated_pose(pose, "m2c", where),
+        camera_from_world=stated_pose(camera, "w2c", where),
+        box=tuple(info["bbox_visib"]),
+        visible_fraction=visible,
     )
 
 
-def rigid(rotation: list[float], translation_mm: list[float]) -> np.ndarray:
-    if len(rotation) != 9 or len(translation_mm) != 3:
-        raise DatasetError(f"a pose needs 9 numbers of rotation and 3 of translation, not {rotation}, {translation_mm}")
-    pose = np.eye(4)
-    pose[:3, :3] = np.array(rotation).reshape(3, 3)
-    pose[:3, 3] = np.array(translation_mm) * METRES_PER_MILLIMETRE
-    return pose
-
-
-def stated_pose(entry: dict, kind: str) -> np.ndarray | None:
+def stated_pose(entry: dict, kind: str, where: str = "a pose") -> np.ndarray | None:
     """The pose `cam_R_<kind>`, `cam_t_<kind>` of an entry, if it has one."""
-    rotation, translation = entry.get(f"cam_R_{kind}"), entry.get(f"cam_t_{kind}")
-    return None if rotation is None or translation is None else rigid(rotation, translation)
+    rotation, translation_mm = entry.get(f"cam_R_{kind}"), entry.get(f"cam_t_{kind}")
+    if rotation is None or translation_mm is None:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = numbers(rotation, 9, f"{where}: needs a cam_R_{kind}").reshape(3, 3)
+    if abs(np.linalg.det(pose[:3, :3])) < LEAST_DETERMINANT:
+        raise DatasetError(f"{where}: cam_R_{kind} is no rotation")
+    pose[:3, 3] = numbers(translation_mm, 3, f"{where}: needs a cam_t_{kind}") * METRES_PER_MILLIMETRE
+    return pose
 
 
 def pose_entry(pose: np.ndarray, kind: str) -> dict[str, list[float]]:

@@ -15,6 +15,7 @@ SIZE_RANGE_M = (0.005, 5.0)
 COVERAGE_CAP_DEG = 20.0
 """A direction counts as seen when a view lies within this angle of it."""
 FEW_VIEWS = 60
+FEW_SCENES = 3
 SMALL_BOX_PX = 48
 LOW_COVERAGE = 0.2
 
@@ -95,6 +96,11 @@ def check(
     report = Report(len(views), reports, (sides.min(), float(np.median(sides)), sides.max()))
     report.notes, report.problems = notes, problems
     warn(report, len(components) - len(reports))
+    if source == "camera" and len(wide) <= FEW_SCENES and not any(view.mask_path for view in views):
+        report.warnings.append(
+            "no masks: in photos of so few still scenes a net learns what is around the object instead of it. "
+            "`posed-train label` finds them"
+        )
     return report
 
 

@@ -101,6 +101,8 @@ def main() -> None:
         arguments.run(arguments)
     except (DatasetError, ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"posed-train: {error}")
+    except RecursionError:
+        sys.exit("posed-train: a file that was given is nested too deeply to be read")
 
 
 def run_check(arguments: argparse.Namespace) -> None:

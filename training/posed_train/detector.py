@@ -163,7 +163,7 @@ class Trainer(optimise.Run):
         torch.manual_seed(config.seed)
         model = build(len(config.labels)).to(DEVICE)
         if encoder is not None:
-            state = torch.load(encoder, map_location=DEVICE, weights_only=True)["average"]
+            state = optimise.load(encoder, DEVICE, ["average"])["average"]
             prefix = "design.encoder."
             own = {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
             try:

@@ -3,6 +3,7 @@
 import copy
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -76,10 +77,15 @@ class Run:
         save({"step": self.step, "cooling": self.cooling, **parts}, path)
 
     def resume(self, path: Path, device: torch.device) -> None:
-        state = torch.load(path, map_location=device, weights_only=True)
+        state = load(path, device, ("step", *PARTS))
         self.step, self.cooling = state["step"], state.get("cooling")
         for name in PARTS:
-            getattr(self, name).load_state_dict(state[name])
+            try:
+                getattr(self, name).load_state_dict(state[name])
+            except (RuntimeError, ValueError, KeyError, TypeError, AttributeError):
+                raise ValueError(
+                    f"{path}: the checkpoint of another network; remove it, or its folder, to train anew"
+                ) from None
 
 
 @torch.no_grad()
@@ -91,6 +97,19 @@ def follow(average: nn.Module, model: nn.Module, step: int) -> None:
             mean.lerp_(current, 1 - decay)
         else:
             mean.copy_(current)
+
+
+def load(path: Path, device: torch.device | str, needs: Sequence[str]) -> dict:
+    """What `save` wrote, with these parts."""
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except OSError:
+        raise
+    except Exception as error:  # PyTorch lets through whatever unpickling meets
+        raise ValueError(f"{path}: not a checkpoint, or a damaged one ({error})") from None
+    if not isinstance(state, dict) or not set(needs) <= set(state):
+        raise ValueError(f"{path}: not a checkpoint of posed-train's: it has no {', '.join(needs)}")
+    return state
 
 
 def save(state: dict, path: Path) -> None:

@@ -99,7 +99,7 @@ class Trainer(optimise.Run):
         if self.unsettled:
             start_from(model, exported.unfold(model, exported.read_weights(init)))
         elif init is not None:
-            start_from(model, torch.load(init, map_location=DEVICE, weights_only=True)["average"])
+            start_from(model, optimise.load(init, DEVICE, ["average"])["average"])
         elif model.design.pretrained:
             model.design.encoder.load_imagenet()
         elif config.frozen or config.frozen_statistics:

@@ -182,6 +182,12 @@ def test_posed_adds_its_own_figures(trained, tmp_path, monkeypatch):
     with tarfile.open(export(trained, tmp_path, "--posed", POSED)) as tar:
         text = tar.extractfile("report.html").read().decode()
     assert "with the detector" in text and "ok, but in disagreement" in text and "NEES, median" in text
+    # What a server does comes first.
+    words = " ".join(" ".join(Page(text).words).split())
+    first, median = (
+        re.search(pattern, words)[1] for pattern in (r"([\d.]+)° rotation", r"rotation °, median / 90 % ([\d.]+)")
+    )
+    assert first == median and "figures below are of the whole service" in words
 
 
 def test_an_object_that_the_net_does_not_find_gets_no_reference(trained, tmp_path, capsys):

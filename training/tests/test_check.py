@@ -176,6 +176,15 @@ def test_misnamed_masks_are_named(project, capsys):
     )
 
 
+def test_photos_of_one_scene_without_masks_are_warned_of(project, capsys):
+    run("check", project, "--object", "cube")
+    assert "no masks" not in capsys.readouterr().out
+    for path in (project / "train/000000/mask_visib").iterdir():
+        path.unlink()
+    run("check", project, "--object", "cube")
+    assert "warning: no masks" in capsys.readouterr().out
+
+
 def test_masks_of_other_objects_are_named(project, capsys):
     folder = project / "train/000000/mask_visib"
     for path in sorted(folder.glob("*_000000.png")):

@@ -1,6 +1,8 @@
 """Boxes, masks and poses from boxes drawn in three photos, through the command."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,8 +10,11 @@ import pytest
 from conftest import box_of, run
 
 from posed_train import bop
+from posed_train.onboard import outlines
 from posed_train.onboard import project as projects
-from posed_train.onboard.outlines import box_overlap
+from posed_train.onboard.hull import around
+from posed_train.onboard.outlines import box_overlap, window_of
+from posed_train.onboard.solid import Frame, Solid, bounds, fill, silhouette
 
 
 def overlap(a, b):
@@ -116,6 +121,38 @@ def test_the_3d_box_can_be_told(project, board_photos, tmp_path):
         if visible > 0.9
     ]
     assert np.median(masks) > 0.93
+
+
+def test_a_solid_that_is_too_narrow_does_not_narrow_the_hull(monkeypatch):
+    """Three boxes may fit a solid half as wide as the object; what they leave room for is looked through."""
+    bottle = Solid("box", np.array([0.1, 0.2, 0]), 0.6, np.array([0.095, 0.058, 0.191]))
+    narrow = replace(bottle, yaw=-0.6, size=np.array([0.059, 0.057, 0.171]))
+    frames = [seen_from(bottle.centre, k, turn=35 * k, down=10 + 25 * (k % 3)) for k in range(18)]
+
+    def true_mask(frame, window):
+        return fill(window.to_window(silhouette(bottle, frame)), *window.size)
+
+    def look(frames, read, solid, regions):
+        return [(frame, window, true_mask(frame, window)) for frame in frames if (window := window_of(solid, frame))]
+
+    monkeypatch.setattr(outlines, "look", look)
+    boxes = [(frame, bounds(bottle, frame)) for frame in frames[:3]]
+    (near, cramped), (wide, _) = outlines.find_hulls(boxes, narrow, frames, None)
+    assert cramped and around(near, narrow).size[0] < 0.08
+    np.testing.assert_allclose(around(wide, narrow).size, bottle.size, atol=0.015)
+
+
+def seen_from(place, number, turn, down, distance=0.6):
+    """A camera that looks down at a place."""
+    turn, down = np.radians(turn), np.radians(down)
+    ahead = -np.array([np.cos(turn) * np.cos(down), np.sin(turn) * np.cos(down), np.sin(down)])
+    right = np.cross(ahead, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+    pose[:3, 3] = -pose[:3, :3] @ (place - distance * ahead)
+    matrix = np.array([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]])
+    return Frame(number, "", Path(), 640, 480, matrix, pose)
 
 
 def test_what_cannot_be_drawn_is_said(project, drawn, tmp_path):

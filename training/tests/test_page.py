@@ -124,6 +124,9 @@ def test_a_box_drawn_in_two_photos_labels_all(browser, address, fresh, board_pho
     views = bop.read_views(fresh / "train", 1)
     photos = json.loads((fresh / "train/000000/photos.json").read_text())
     assert len(views) > 20 and bad not in {photos[str(view.image_id)] for view in views}
+    # The box that is drawn is not what was measured.
+    Page(browser, address, board_photos)
+    browser.until("document.querySelector('#origin').innerText.includes('photos measured 5')")
     assert not browser.complaints()
 
 

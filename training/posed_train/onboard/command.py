@@ -1,6 +1,7 @@
 """The commands that take a project folder: their options, and what they call."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from . import printing
@@ -68,9 +69,9 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=Path, help="camera file; without it the photos tell the camera")
     parser.add_argument("--family", choices=list(FAMILIES), default=DEFAULT_FAMILY)
     parser.add_argument(
-        "--max-px", type=int, default=DEFAULT_MAX_PX, help="longer side; larger photos are made smaller"
+        "--max-px", type=whole(200), default=DEFAULT_MAX_PX, help="longer side; larger photos are made smaller"
     )
-    parser.add_argument("--frames", type=int, default=150, help="to take from a video")
+    parser.add_argument("--frames", type=whole(8), default=150, help="to take from a video")
     parser.add_argument("--from", dest="first", metavar="PHOTO", help="first photo to take, in the order of names")
     parser.add_argument("--to", dest="last", metavar="PHOTO", help="last photo to take")
     parser.add_argument("--without", nargs="+", default=[], metavar="PHOTO", help="photos to leave out, by their names")
@@ -200,12 +201,14 @@ def run_check(arguments: argparse.Namespace) -> None:
 def add_train(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("projects", type=Path, nargs="+", help="project folders; their objects share a detector")
     parser.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
-    parser.add_argument("--steps", type=int, default=6000, help="of each keypoint net, at most")
+    parser.add_argument("--steps", type=whole(1), default=6000, help="of each keypoint net, at most")
     parser.add_argument("--to-the-end", action="store_true", help="all --steps, whether or not held-out photos gain")
-    parser.add_argument("--detector-steps", type=int, default=1500)
+    parser.add_argument("--detector-steps", type=whole(1), default=1500)
     parser.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
-    parser.add_argument("--workers", type=int, default=0, help="processes that prepare batches; a GPU needs several")
-    parser.add_argument("--threads", type=int)
+    parser.add_argument(
+        "--workers", type=whole(0), default=0, help="processes that prepare batches; a GPU needs several"
+    )
+    parser.add_argument("--threads", type=whole(1))
     parser.set_defaults(run=run_train)
 
 
@@ -213,8 +216,6 @@ def run_train(arguments: argparse.Namespace) -> None:
     from ..commands import use_threads
     from .training import Plan, train_projects
 
-    if min(arguments.steps, arguments.detector_steps) < 1:
-        raise ValueError("--steps and --detector-steps: at least 1")
     use_threads(arguments.threads)
     plan = Plan(
         arguments.models, arguments.steps, arguments.detector_steps, arguments.workers, not arguments.to_the_end
@@ -245,3 +246,13 @@ def positive(text: str) -> float:
     if not 0 < value < 1e6:
         raise argparse.ArgumentTypeError(f"{text}: must be above 0")
     return value
+
+
+def whole(least: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{text}: at least {least}")
+        return value
+
+    return number

@@ -64,7 +64,7 @@ def read_file(path: Path) -> dict:
 def parse(values: dict, path: Path, project: Project, known_photos: set[str]) -> dict[str, Drawn]:
     """By the object's name."""
     bad = values.get(BAD, [])
-    if not isinstance(bad, list):
+    if not isinstance(bad, list) or not all(isinstance(photo, str) for photo in bad):
         raise DatasetError(f"{path}: {BAD!r} is a list of photos' names")
     for photo in bad:
         if photo not in known_photos:

@@ -160,16 +160,15 @@ def scale_by_span(found: Survey, options: BoardOptions) -> list[str]:
     if options.span_mm is None:
         return []
     a, b, measured = options.span_mm
-    a, b = int(a), int(b)
     for tag in (a, b):
         if tag not in found.board.corners:
             known = ", ".join(str(tag) for tag in sorted(found.board.corners))
-            raise DatasetError(f"--span-mm: no tag {tag} in the photos; they show {known}")
+            raise DatasetError(f"--span-mm: no tag {tag:g} in the photos; they show {known}")
     now = 1000 * np.linalg.norm(found.board.corners[a].mean(0) - found.board.corners[b].mean(0))
     scale = measured / now if now else 0
     if not 0.9 < scale < 1.1:
         raise DatasetError(
-            f"--span-mm: from the middle of tag {a} to that of tag {b} it is {now:.1f} mm by the tags' size of "
+            f"--span-mm: from the middle of tag {a:g} to that of tag {b:g} it is {now:.1f} mm by the tags' size of "
             f"{options.tag_mm:g} mm, but {measured:g} mm by ruler: measure both again"
         )
     for pose in found.camera_from_world.values():

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 LONG_SIDE_PX = 320
-ITERATIONS = 4
+ITERATIONS = 3
 MARGIN = 0.25
 """Of the region's size, for the colours of what is around."""
 LEAST_PART = 0.08

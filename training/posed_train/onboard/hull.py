@@ -1,6 +1,6 @@
 """An object's shape as voxels, by the votes of its masks in many photos."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,6 +13,10 @@ VOXELS = 80
 """Along the longest side."""
 ROOM = 1.25
 """The grid's size by the solid's."""
+MUCH_ROOM = 1.5
+"""By its longest side along all axes, where that was too little: three boxes may fit a solid half as wide as the
+object."""
+COARSE_VOXELS = 40
 THRESHOLDS = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95)
 MIN_VOTES = 3
 
@@ -45,14 +49,46 @@ def around(hull: Hull, solid: Solid) -> Solid:
     return replace(solid, base=np.array([x, y, solid.base[2]]), yaw=np.radians(turn), size=size).with_long_side_first()
 
 
-def grid(solid: Solid) -> tuple[np.ndarray, float]:
-    """Points `[N, 3]` in a box around a solid, and their distance."""
-    pitch = ROOM * float(solid.size.max()) / VOXELS
-    axes = [np.arange(-ROOM * side / 2, ROOM * side / 2 + pitch, pitch) for side in solid.size]
+def grid(solid: Solid, sides: np.ndarray, pitch: float) -> np.ndarray:
+    """Points `[N, 3]` in a box of that size around a solid."""
+    axes = [np.arange(-side / 2, side / 2 + pitch, pitch) for side in sides]
     local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     pose = solid.standing_from_box
     points = local @ pose[:3, :3].T + pose[:3, 3]
-    return points[points[:, 2] >= solid.base[2]].astype(np.float32), pitch
+    return points[points[:, 2] >= solid.base[2]].astype(np.float32)
+
+
+def rooms(solid: Solid, carve_points: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[Hull, np.ndarray]]:
+    """What the drawn boxes leave room for: first near the solid, which is the better prior, then all of it. With the
+    size of the grid."""
+    longest = float(solid.size.max())
+    pitch, sides = ROOM * longest / VOXELS, ROOM * solid.size
+    yield Hull(carve_points(grid(solid, sides, pitch)), pitch), sides
+    coarse, sides = MUCH_ROOM * longest / COARSE_VOXELS, np.full(3, MUCH_ROOM * longest)
+    rough = carve_points(grid(solid, sides, coarse))
+    if len(rough):
+        sides = 2 * (np.abs(from_middle(rough, solid)).max(0) + coarse)
+        pitch = float(sides.max()) / VOXELS
+        yield Hull(carve_points(grid(solid, sides, pitch)), pitch), sides
+
+
+def larger(solid: Solid, hull: Hull) -> Solid:
+    """The solid, or the box of a hull if that is larger: what a photo's window must hold."""
+    found = around(hull, solid) if len(hull.points) else solid
+    return found if np.prod(found.size) > np.prod(ROOM * solid.size) else solid
+
+
+def from_middle(points: np.ndarray, solid: Solid) -> np.ndarray:
+    """In the frame of the solid's box."""
+    pose = solid.standing_from_box
+    return (points - pose[:3, 3]) @ pose[:3, :3]
+
+
+def is_cramped(hull: Hull, solid: Solid, sides: np.ndarray) -> bool:
+    """Whether a hull ends where its grid does, which was too small then."""
+    return bool((from_middle(hull.points, solid).max(0) > sides / 2 - hull.pitch).any()) or bool(
+        (from_middle(hull.points, solid).min(0)[:2] < -sides[:2] / 2 + hull.pitch).any()
+    )
 
 
 def carve(points: np.ndarray, drawn: Sequence[tuple[Frame, np.ndarray]], slack: float, slack_px: float) -> np.ndarray:

@@ -24,6 +24,7 @@ from .scene import photo_names
 
 NEES_MEDIAN = 5.35
 """Of true covariances: chi-squared with six degrees of freedom."""
+NEEDED = {"virtual_keypoints_m", "covariance_scale"}
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ def read_network(folder: Path) -> Network:
         raise DatasetError(f"{error.filename}: {error.strerror}; `posed-train train` makes it") from None
     except (ValueError, KeyError, TypeError):
         raise DatasetError(f"{folder / 'object.json'}: not a manifest of posed-train's") from None
+    if not set(manifest) >= NEEDED:
+        raise DatasetError(f"{folder / 'object.json'}: not a manifest of posed-train's")
     if stated != found:
         raise DatasetError(f"{folder / 'keypoints.onnx'}: its SHA-256 is not the one in object.json; train again")
     return Network(folder, manifest)

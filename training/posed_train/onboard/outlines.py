@@ -6,7 +6,7 @@ a white face vanishes before a white board; (b) GrabCut within the carved boxes,
 the hull's outline, right for all other shapes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -133,22 +133,27 @@ def near_outline(project: Callable[[Frame, Window], np.ndarray], uncertain: floa
 
 
 def find_shape(drawn: Drawn, solid: Solid, frames: Sequence[Frame], read: Read) -> Shape:
-    """By the better of the two ways."""
+    """By the best of the ways."""
     sample = spread(frames, solid, SAMPLE)
     boxes = drawn.in_frames(list(frames)) or [(frame, bounds(solid, frame)) for frame in spread(frames, solid, TOLD)]
     judged = [frame for frame, _ in boxes]
     judged += [frame for frame in sample[::3] if frame.image_id not in {one.image_id for one in judged}]
     plain = Shape(solid, None, 0, 0)
-    ways = [judge(plain, look(judged, read, solid, near_outline(plain.project, BAND_OF_SOLID)), boxes)]
-    hull = find_hull(boxes, solid, [*sample, *judged], read)
-    if hull is not None:
-        shape = Shape(voxels.around(hull, solid), hull, 0, 0)
-        ways.append(judge(shape, look(judged, read, shape.solid, near_outline(hull.project, BAND_OF_HULL)), boxes))
-    simple, other = ways[0], ways[-1]
-    better = other.agreement > simple.agreement + CLEARLY
+    shape = judge(plain, look(judged, read, solid, near_outline(plain.project, BAND_OF_SOLID)), boxes)
+    for hull, cramped in find_hulls(boxes, solid, [*sample, *judged], read):
+        other = Shape(voxels.around(hull, solid), hull, 0, 0)
+        seen = look(judged, read, other.solid, near_outline(hull.project, BAND_OF_HULL))
+        shape = better(shape, judge(other, seen, boxes))
+        if shape.hull is not hull or not cramped:  # a hull that the solid is better than need not be a larger one
+            break
+    return shape
+
+
+def better(simple: Shape, other: Shape) -> Shape:
+    """Drawn boxes are a pixel or two off: where they do not tell, the colours do, which follow the right outline."""
     alike = other.agreement > simple.agreement - CLEARLY
-    # Drawn boxes are a pixel or two off: where they do not tell, the colours do, which follow the right outline.
-    return other if better or (alike and other.consistency > simple.consistency + CLEARLY) else simple
+    more = other.agreement > simple.agreement + CLEARLY
+    return other if more or (alike and other.consistency > simple.consistency + CLEARLY) else simple
 
 
 def judge(shape: Shape, seen: list[Seen], boxes: list[tuple[Frame, np.ndarray]]) -> Shape:
@@ -156,26 +161,34 @@ def judge(shape: Shape, seen: list[Seen], boxes: list[tuple[Frame, np.ndarray]])
     return replace(shape, agreement=agreement(seen, boxes), consistency=float(np.median(alike)) if alike else 0.0)
 
 
-def find_hull(boxes: list[tuple[Frame, np.ndarray]], solid: Solid, sample: Sequence[Frame], read: Read) -> Hull | None:
-    points, pitch = voxels.grid(solid)
-    outer = Hull(voxels.carve(points, boxes, OUTER_SLACK, OUTER_SLACK_PX), pitch)
-    core = solid.scaled(CORE)
+def find_hulls(
+    boxes: list[tuple[Frame, np.ndarray]], solid: Solid, sample: Sequence[Frame], read: Read
+) -> Iterator[tuple[Hull, bool]]:
+    """One found near the solid; then one found in all that the boxes leave room for. And whether it has too little."""
+    sample = list({frame.image_id: frame for frame in sample}.values())
+    for outer, sides in voxels.rooms(solid, lambda points: voxels.carve(points, boxes, OUTER_SLACK, OUTER_SLACK_PX)):
+        hull = find_hull_within(outer, solid, sample, read)
+        if hull is not None:
+            yield hull, voxels.is_cramped(hull, solid, sides)
+
+
+def find_hull_within(outer: Hull, solid: Solid, sample: Sequence[Frame], read: Read) -> Hull | None:
+    core, whole = solid.scaled(CORE), voxels.larger(solid, outer)
 
     def carved(frame: Frame, window: Window) -> tuple[np.ndarray, ...]:
         may = outer.project(frame, window)
         surely = fill(window.to_window(silhouette(core, frame)), *window.size) & may
         return surely, 255 - may, may
 
-    sample = list({frame.image_id: frame for frame in sample}.values())
-    seen = look(sample, read, solid, carved)
+    seen = look(sample, read, whole, carved)
     for last in (False, True):
         if not seen:
             return None
-        hull = voxels.consensus(outer.points, pitch, seen)
+        hull = voxels.consensus(outer.points, outer.pitch, seen)
         if not len(hull.points):
             return None
         if not last:
-            seen = look(sample, read, solid, near_outline(hull.project, BAND_OF_HULL))
+            seen = look(sample, read, voxels.around(hull, solid), near_outline(hull.project, BAND_OF_HULL))
     return hull
 
 

@@ -55,7 +55,13 @@ class State:
         return {
             "name": self.folder.resolve().name,
             "objects": [
-                {"name": item.name, "up": item.up, "symmetries": item.symmetries, "solid": item.solid}
+                {
+                    "name": item.name,
+                    "up": item.up,
+                    "symmetries": item.symmetries,
+                    "solid": item.solid,
+                    "size_mm": item.size_mm,
+                }
                 for item in project.items
             ],
             "scenes": [self.describe(project, scene) for scene in self.scenes.values()],

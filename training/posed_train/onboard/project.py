@@ -7,6 +7,7 @@ NAME/object.toml            what is known of the objects, and where the photos c
 """
 
 import json
+import math
 import os
 import re
 import shutil
@@ -18,6 +19,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from ..bop import DatasetError
+from .symmetry import motions
 
 SETTINGS = "object.toml"
 SPLIT = "train"
@@ -88,7 +90,7 @@ def replace_text(path: Path, text: str) -> None:
 
 
 def check_name(name: str) -> str:
-    if not NAME.fullmatch(name):
+    if not isinstance(name, str) or not NAME.fullmatch(name):
         raise DatasetError(f"object name {name!r}: small letters, digits, - and _, at most 64")
     if name == "detector":
         raise DatasetError("object name 'detector': the folder of models keeps its detector under that name")
@@ -114,6 +116,8 @@ def load(folder: Path) -> Project:
     path = folder / SETTINGS
     try:
         values = tomllib.loads(path.read_text())
+    except IsADirectoryError:
+        raise DatasetError(f"{path}: a folder; it must be a file") from None
     except OSError:
         raise DatasetError(f"{path}: missing; `posed-train new {folder} PHOTOS` makes a project") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -121,10 +125,20 @@ def load(folder: Path) -> Project:
     tables = values.get("object")
     if not isinstance(tables, list) or not tables:
         raise DatasetError(f"{path}: needs [[object]] with name and obj_id")
-    return Project(folder, [read_item(table, path) for table in tables], list(values.get("photos", [])))
+    items = [read_item(table, path) for table in tables]
+    for what in ("name", "obj_id"):
+        values_of = [getattr(item, what) for item in items]
+        if len(set(values_of)) < len(items):
+            raise DatasetError(f"{path}: two objects have the same {what}")
+    sources = values.get("photos", [])
+    if not isinstance(sources, list) or not all(isinstance(source, dict) for source in sources):
+        raise DatasetError(f"{path}: photos must be [[photos]]")
+    return Project(folder, items, sources)
 
 
-def read_item(table: dict, path: Path) -> Item:
+def read_item(table: object, path: Path) -> Item:
+    if not isinstance(table, dict):
+        raise DatasetError(f"{path}: needs [[object]] with name and obj_id")
     unknown = set(table) - {field.name for field in fields(Item)}
     if unknown:
         raise DatasetError(f"{path}: unknown setting {sorted(unknown)[0]!r} in [[object]]")
@@ -133,10 +147,22 @@ def read_item(table: dict, path: Path) -> Item:
     except TypeError:
         raise DatasetError(f"{path}: [[object]] needs name and obj_id") from None
     check_name(item.name)
+    if not isinstance(item.obj_id, int) or item.obj_id < 1:
+        raise DatasetError(f"{path}: obj_id {item.obj_id!r}: a number, 1 or more")
     if item.solid not in SOLIDS:
         raise DatasetError(f"{path}: solid {item.solid!r}: choose one of {', '.join(SOLIDS)}")
+    size = item.size_mm
+    good = isinstance(size, list) and all(isinstance(side, int | float) and 0 < side < math.inf for side in size)
+    if not good or len(size) not in (0, 3):
+        raise DatasetError(f"{path}: size_mm {size!r}: three lengths in millimetres, as [95, 60.5, 190]")
     if item.up not in UPS:
         raise DatasetError(f"{path}: up {item.up!r}: choose one of {', '.join(UPS)}")
+    if not isinstance(item.symmetries, list) or not all(isinstance(one, str) for one in item.symmetries):
+        raise DatasetError(f'{path}: symmetries {item.symmetries!r}: a list, as ["z2"]')
+    try:
+        motions(item.symmetries)
+    except DatasetError as error:
+        raise DatasetError(f"{path}: {error}") from None
     return item
 
 

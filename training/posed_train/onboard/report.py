@@ -28,8 +28,8 @@ def report(
     name = escape(item.name)
     parts = [
         f"<h1>{name}</h1>",
-        introduction(found),
-        key_figures(found, item),
+        introduction(found, served),
+        key_figures(found, item, served),
         section("What to improve", improve(found)),
         section("Accuracy in held-out photos", accuracy(found, served)),
         section("What to expect at which distance", distances(found)),
@@ -51,20 +51,35 @@ def section(title: str, content: str) -> str:
     return f"<h2>{escape(title)}</h2>\n{content}"
 
 
-def introduction(found: Judgement) -> str:
+def introduction(found: Judgement, served: dict | None) -> str:
     count = len(found.held_out)
+    whose = (
+        "The figures below are of the whole service; the tables say what the network alone sees at one look."
+        if spread_of(served)
+        else "All figures are of the network alone, at one look. A server looks several times, and does better: "
+        "<code>export --posed PROGRAM</code> tells how much."
+    )
     return (
         f'<p class="note">{count} of {len(found.views)} photos were held out from training. The object stood still, so '
         "every photo must tell the same place for it: how far a photo's pose lies from what the other photos say is "
-        "its error, known without any measuring device.</p>"
+        f"its error, known without any measuring device. {whose}</p>"
     )
 
 
-def key_figures(found: Judgement, item: Item) -> str:
+def spread_of(served: dict | None) -> dict | None:
+    return (served or {}).get("spread_of_ok") or (served or {}).get("spread_of_all")
+
+
+def key_figures(found: Judgement, item: Item, served: dict | None) -> str:
     held_out = found.held_out
     agreeing = [one for one in held_out if one.deviation.agrees]
     tiles = [(f"{len(agreeing)} of {len(held_out)}", "held-out photos agree")]
-    if agreeing:
+    if spread := spread_of(served):
+        tiles += [
+            (f"{number(spread['rotation_deg']['median'])}°", "rotation, median"),
+            (f"{number(1000 * spread['translation_m']['median'])} mm", "place, median"),
+        ]
+    elif agreeing:
         tiles += [
             (f"{quantile(held_out, 'degrees', 0.5)}°", "rotation, median"),
             (f"{quantile(held_out, 'millimetres', 0.5)} mm", "place, median"),
@@ -154,7 +169,7 @@ def covariances(held_out: Sequence[Judged]) -> str:
 
 def by_posed(served: dict) -> str:
     """What the whole service makes of the same photos, the detector included."""
-    spread = served.get("spread_of_ok") or served.get("spread_of_all")
+    spread = spread_of(served)
     rows = [
         ["photos", f"{served['images']}"],
         ["answers", f"{served['answers']}"],

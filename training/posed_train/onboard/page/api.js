@@ -7,7 +7,7 @@
  *   scene?: string, up?: string, symmetries?: string[],
  * }} Entry */
 /** @typedef {{name: string, grounded: boolean, frames: Frame[], drawn: Record<string, Entry>, bad: string[]}} Scene */
-/** @typedef {{name: string, up: string, symmetries: string[], solid: string}} Item */
+/** @typedef {{name: string, up: string, symmetries: string[], solid: string, size_mm: number[]}} Item */
 /** @typedef {{name: string, objects: Item[], scenes: Scene[]}} Project */
 /** @typedef {{running: boolean, text: string, error: string}} Job */
 

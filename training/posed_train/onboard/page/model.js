@@ -12,7 +12,7 @@ import { asEntry, ofEntry, standing } from './solid.js';
 /** An object. `kind` is empty where the boxes are to tell it; `byHand`: the solid is as it was placed, not by the boxes alone.
  * @typedef {{
  *   name: string, colour: string, kind: '' | 'box' | 'cylinder', boxes: Record<string, number[]>, solid: Solid | null, byHand: boolean,
- *   up: string, symmetries: string[],
+ *   up: string, symmetries: string[], measured_mm: number[],
  * }} Thing */
 
 const COLOURS = ['#3cdc3c', '#ffa028', '#6fa8ff', '#dc3cdc', '#28dcdc', '#ffff50'];
@@ -56,6 +56,7 @@ export class Model extends EventTarget {
         byHand: solid !== null,
         up: drawn.up ?? item.up,
         symmetries: drawn.symmetries ?? item.symmetries,
+        measured_mm: item.size_mm,
       };
     });
     this.bad = new Set(this.scene.bad);

@@ -157,8 +157,14 @@ export function panel(model) {
     back.disabled = !model.back.length;
     byBoxes.hidden = boxes < 2 || !thing.byHand;
     origin.textContent = model.fitting === thing.name ? 'Fitting…' : !thing.solid ? '' : thing.byHand ? 'Placed by hand: the object gets exactly this box.'
-      : boxes > 1 ? `By ${boxes} drawn boxes; the outlines in all photos will measure it.` : 'A guess by one drawn box: draw one from another side, or drag its edges.';
+      : boxes > 1 ? `By ${boxes} drawn boxes; the outlines in all photos ${measured(thing.measured_mm)}.` : 'A guess by one drawn box: draw one from another side, or drag its edges.';
   }
   model.addEventListener('change', show);
   show();
 }
+
+/**
+ * The box that is shown is that of the drawn ones: what `label` made of it may be another.
+ * @param {number[]} sides
+ */
+const measured = (sides) => sides.length ? `measured ${sides.map((side) => side.toFixed(1)).join(' × ')} mm` : 'will measure it';
