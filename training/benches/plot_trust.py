@@ -61,10 +61,10 @@ def main() -> None:
     parser.add_argument("--least-visible", type=float, default=0.7)
     arguments = parser.parse_args()
     views = json.loads(arguments.figures.read_text())["views"]
-    views = [view for view in views if view["nees"] and view["visible"] >= arguments.least_visible]
+    views = [view for view in views if view["nees"] and view["visible_fraction"] >= arguments.least_visible]
     confidence = np.array([view["confidence"] for view in views])
     right = np.array([view["right"] for view in views], bool)
-    nees = np.array([view["nees"]["total"]["value"] for view in views if view["status"] == "ok"])
+    nees = np.array([view["nees"]["pose"]["value"] for view in views if view["status"] == "ok"])
     pyplot.rcParams.update({"font.size": 9, "axes.edgecolor": INK, "text.color": INK, "svg.hashsalt": "posed"})
     figure, (first, second, third) = pyplot.subplots(1, 3, figsize=(9.6, 3.1), layout="constrained")
     reliability(first, confidence, right)
