@@ -216,10 +216,11 @@ async fn an_upload_that_ends_early_leaves_nothing() {
         stream.write_all(&bundle[..1_000_000]).await.unwrap();
         stream
     };
-    // What others are told meanwhile, and afterwards.
-    let until = async |status: StatusCode| {
-        while put(&server, "cube", bundle[..2000].to_vec()).await.status() != status {
-            tokio::time::sleep(Duration::from_millis(20)).await;
+    // What others are told meanwhile, and afterwards. They come later, else it is they who have the turn.
+    let until = async |status: StatusCode| loop {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        if put(&server, "cube", bundle[..2000].to_vec()).await.status() == status {
+            break;
         }
     };
     let stream = begin().await;

@@ -109,7 +109,8 @@ def test_keypoints_that_cannot_be_are_refused():
 def test_the_check_describes_a_good_set(tmp_path):
     report = check.check(ball_views(tmp_path, "a", 80) + ball_views(tmp_path, "b", 10, seed=1), "camera")
     first = report.components[0]
-    assert report.views == 90 and first.views == 80 and not report.warnings
+    assert report.views == 90 and first.views == 80
+    assert [warning[:8] for warning in report.warnings] == ["no masks"]
     assert abs(first.size_m - 2 * RADIUS_M) < 0.005
     assert 0.4 < first.coverage < 0.7, "a half sphere, and a little of the other half"
     assert first.useful_pairs > 0.95 and first.widest_baseline_deg > 120
