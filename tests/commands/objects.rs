@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, move_keypoints};
 use crate::support::{assert_right, change, copy_of, explanation, run, samples};
 
 fn objects(folder: &Path, arguments: &[&str]) -> std::process::Output {
@@ -64,7 +64,7 @@ fn what_cannot_be_served_is_not_added() {
     let before = std::fs::read(models.path().join("cube/object.json")).unwrap();
     let folder = scratch.path().join("cube");
     Bundle::of("cube").write(&folder);
-    change(&folder.join("parity.json"), |json| json["median_tolerance_px"] = 0.001.into());
+    change(&folder.join("parity.json"), move_keypoints);
     let damaged = scratch.path().join("cube.posed");
     let mut bytes = Bundle::of("cube").tar();
     bytes.truncate(bytes.len() / 2);
