@@ -34,9 +34,10 @@ CHOICES = {
     "two images at once, networks of 2 threads": ["--pool=2", "--threads=2"],
     "two processes, networks of 1 thread": ["--workers=2", "--pool=1", "--threads=1"],
 }
+POSED_DEFAULT = "two images at once, networks of 1 thread"
 POSED_CHOICES = {
-    ONE_IMAGE: [],  # its default on two cores
-    "two images at once, networks of 1 thread": ["--workers=2", "--threads=1"],
+    ONE_IMAGE: ["--workers=1", "--threads=2"],
+    POSED_DEFAULT: [],  # on two cores
     "two images at once, networks of 2 threads": ["--workers=2", "--threads=2"],
 }
 
@@ -103,7 +104,7 @@ class Run:
         results = {"cores": os.cpu_count(), "load_before": os.getloadavg(), "began": time.time()}
         results["choices"] = choices = self.choose()
         best = {name: max(tried, key=lambda t: np.prod(tried[t]["rates"])) for name, tried in choices.items()}
-        best["posed"] = ONE_IMAGE
+        best["posed"] = POSED_DEFAULT
         # Triton runs the same estimator: it gets the same settings, without processes of its own.
         threads = {choice: of for choice, of in choices["FastAPI, OpenVINO"].items() if "process" not in choice}
         best["Triton, OpenVINO"] = max(threads, key=lambda t: np.prod(threads[t]["rates"]))
