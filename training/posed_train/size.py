@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -85,28 +86,96 @@ def edges_off(seen: Sights, centre: np.ndarray, points: np.ndarray) -> Callable[
 
 def by_hull(seen: Sights, masks: Sequence[np.ndarray], size_mm: Sequence[float], up: np.ndarray) -> float:
     """The same by the visual hull of masks `[H, W]`, one a photo: for what is neither box nor cylinder. It stands on a
-    board through the origin, which ends the hull where no photo looks from below."""
+    board through the origin, which ends the hull where no photo looks from below.
+
+    A hull is larger than what made it, by a tenth and more where no photo is taken from low down. So it is compared
+    with the hulls that solids of this size would have in the same photos, lying each way; the one most alike counts.
+    """
     some = np.linspace(0, len(seen) - 1, min(len(seen), PHOTOS)).astype(int)
     seen, masks = seen[some], [masks[k] for k in some]
-    centre, _ = middle(seen)
-    depth = seen.camera_from_component[:, 2, :3] @ centre + seen.camera_from_component[:, 2, 3]
-    reach = float(np.percentile(seen.boxes[:, 2:].max(1) * depth / seen.camera_matrix[:, 0, 0], 90))
-    upright = frame_with(up)
-    axis = np.linspace(-0.7, 0.7, HULL_VOXELS) * reach
-    local = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    points, votes = local @ upright.T + centre, np.zeros(len(local))
-    votes[points @ up < 0] = -np.inf
-    for k, mask in enumerate(masks):
-        in_camera = points @ seen.camera_from_component[k, :3, :3].T + seen.camera_from_component[k, :3, 3]
-        pixels = np.round((in_camera @ seen.camera_matrix[k].T)[:, :2] / np.maximum(in_camera[:, 2:], 1e-6)).astype(int)
-        inside = ((pixels >= 0) & (pixels < [mask.shape[1], mask.shape[0]])).all(1)
-        votes[inside] += mask[pixels[inside, 1], pixels[inside, 0]] > 0
-    hull = local[votes >= HULL_SHARE * len(masks)]
-    if len(hull) < 8:
+    grid = Grid.around(seen, up, [mask.shape for mask in masks])
+    measured = grid.hull(masks)
+    if measured is None:
         return float("nan")
-    _, (length, width), _ = cv2.minAreaRect(hull[:, :2].astype(np.float32))
-    measured = np.sort([length, width, np.ptp(hull[:, 2])]) + axis[1] - axis[0]
-    return float(np.exp(np.mean(np.log(measured / np.sort(np.array(size_mm) / 1000)))))
+    ratios = []
+    for solid, sides in itertools.product(shapes(), itertools.permutations(np.array(size_mm) / 1000)):
+        if sides[0] < sides[1]:
+            continue
+        standing = (solid + np.array([0, 0, 0.5])) * sides
+        points = grid.on_board(standing, measured)
+        expected = grid.hull([outline(seen, k, points, mask.shape) for k, mask in enumerate(masks)])
+        if expected is not None:
+            ratios.append(np.log(measured.lengths / expected.lengths))
+    return float(np.exp(min(ratios, key=np.std)[:3].mean())) if ratios else float("nan")
+
+
+@dataclass(frozen=True)
+class Hull:
+    """On a board, in metres."""
+
+    lengths: np.ndarray
+    """Length, width, height, and the cube root of the volume."""
+    middle: np.ndarray
+    yaw: float
+    """Of the length."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points around an object, upright; `upright` turns them to the photos' frame."""
+
+    upright: np.ndarray
+    centre: np.ndarray
+    local: np.ndarray
+    step: float
+    pixels: list[np.ndarray]
+    """Of each photo, where in its mask the points are; the number of its pixels for those outside."""
+
+    @classmethod
+    def around(cls, seen: Sights, up: np.ndarray, shapes: Sequence[tuple[int, int]]) -> "Grid":
+        centre, _ = middle(seen)
+        depth = seen.camera_from_component[:, 2, :3] @ centre + seen.camera_from_component[:, 2, 3]
+        reach = float(np.percentile(seen.boxes[:, 2:].max(1) * depth / seen.camera_matrix[:, 0, 0], 90))
+        axis, upright = np.linspace(-0.7, 0.7, HULL_VOXELS) * reach, frame_with(up)
+        local = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = local @ upright.T + centre
+        above = points @ up >= 0
+        local, points, pixels = local[above], points[above], []
+        for k, (height, width) in enumerate(shapes):
+            x, y = np.round(project(seen, k, points)).astype(int).T
+            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            pixels.append(np.where(inside, y * width + x, height * width))
+        return cls(upright, centre, local, axis[1] - axis[0], pixels)
+
+    def hull(self, masks: Sequence[np.ndarray]) -> Hull | None:
+        """Of the points that nearly all masks hold."""
+        votes = sum(np.append(mask.ravel() > 0, False)[pixels].astype(int) for mask, pixels in zip(masks, self.pixels))
+        held = self.local[votes >= HULL_SHARE * len(masks)]
+        if len(held) < 8:
+            return None
+        place, (length, width), degrees = cv2.minAreaRect(held[:, :2].astype(np.float32))
+        if length < width:
+            length, width, degrees = width, length, degrees + 90
+        sides = np.array([length, width, np.ptp(held[:, 2])]) + self.step
+        return Hull(np.append(sides, self.step * np.cbrt(len(held))), np.array(place), np.radians(degrees))
+
+    def on_board(self, points: np.ndarray, like: Hull) -> np.ndarray:
+        """Points whose z is the height above the board, turned and moved to where a hull is; in the photos' frame."""
+        turned = points @ Rotation.from_euler("z", like.yaw).as_matrix().T
+        place = np.append(like.middle, -self.centre @ self.upright[:, 2])
+        return (turned + place) @ self.upright.T + self.centre
+
+
+def project(seen: Sights, k: int, points: np.ndarray) -> np.ndarray:
+    """Pixels `[N, 2]` of points `[N, 3]` in photo `k`."""
+    in_camera = points @ seen.camera_from_component[k, :3, :3].T + seen.camera_from_component[k, :3, 3]
+    return (in_camera @ seen.camera_matrix[k].T)[:, :2] / np.maximum(in_camera[:, 2:], 1e-6)
+
+
+def outline(seen: Sights, k: int, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The mask of a convex solid in photo `k`."""
+    pixels = np.clip(project(seen, k, points), -30000, 30000).round().astype(np.int32)
+    return cv2.fillConvexPoly(np.zeros(shape, np.uint8), cv2.convexHull(pixels), 1)
 
 
 def first_scale(seen: Sights, centre: np.ndarray, sides: np.ndarray) -> float:
