@@ -34,10 +34,10 @@ impl Eyes<'_> {
             if !looking.objects.iter().flatten().any(|place| wanted.object(*place)) {
                 continue;
             }
-            match &looking.owner {
+            let _running = match &looking.owner {
                 None => self.activity.runs("the detector"),
                 Some(owner) => self.activity.runs(&format!("the detector of {owner}")),
-            }
+            };
             let seen = detect(looking, network.as_mut(), self.resizer, image, wanted)?;
             all.detections.extend(seen.detections);
             all.covered.extend(seen.covered);

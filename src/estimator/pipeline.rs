@@ -1,24 +1,22 @@
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use fast_image_resize::Resizer;
 use image::RgbImage;
 
-use super::answer::{
-    Abandoned, Estimate, EstimateError, KeypointPrediction, MeasureError, ObjectPose, Selection, Timings,
-};
+use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, ObjectPose, Selection, Timings};
+use super::cores::Cores;
 use super::detect::Wanted;
 use super::doubts;
 use super::expected::{Expected, Found, Guide, look_at};
-use super::gates::object_pose;
 use super::hints::Outcome;
-use super::keypoints::{self, Crops};
+use super::keypoints;
 use super::look::Eyes;
+use super::objects::{Scene, Solved, Sought, solve_all};
 use super::update::{Update, warm_up};
 use super::watchdog::Activity;
-use crate::model::{Backend, Catalogue, KeypointNet, Library, Networks, ObjectModel, References, RuntimeError};
+use crate::model::{Backend, Catalogue, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
-use posed_core::calibration::Offset;
 use posed_core::geometry::Camera;
 use posed_core::pnp::{Solution, Status};
 
@@ -31,7 +29,7 @@ pub struct Frame<'a> {
     /// What earlier images of its stream say; without it the detector looks.
     pub guide: Option<&'a Guide>,
     /// Asked before each stage; an error where nobody waits for the answer any more.
-    pub abandoned: &'a dyn Fn() -> Result<(), Abandoned>,
+    pub abandoned: &'a (dyn Fn() -> Result<(), Abandoned> + Sync),
 }
 
 impl<'a> Frame<'a> {
@@ -49,6 +47,8 @@ pub struct Estimator {
     resizer: Resizer,
     /// For whoever watches: which network runs.
     pub(super) activity: Arc<Activity>,
+    /// Idle ones look at objects, too.
+    pub(super) cores: Arc<Cores>,
 }
 
 /// An image on its way through the stages.
@@ -62,12 +62,6 @@ struct Progress {
     covered: Vec<usize>,
     poses: Vec<ObjectPose>,
     timings: Timings,
-}
-
-/// One box whose keypoints are wanted.
-struct BoxInFrame {
-    frame: usize,
-    found: Found,
 }
 
 impl Estimator {
@@ -89,7 +83,13 @@ impl Estimator {
     /// As there.
     pub fn of(catalogue: Arc<Catalogue>, backend: &dyn Backend) -> Result<Self, RuntimeError> {
         let networks = Networks::load(&catalogue.library, backend)?;
-        Ok(Self { catalogue, networks, resizer: Resizer::new(), activity: Arc::default() })
+        Ok(Self {
+            catalogue,
+            networks,
+            resizer: Resizer::new(),
+            activity: Arc::default(),
+            cores: Arc::new(Cores::new(0)),
+        })
     }
 
     /// Goes on with another catalogue. One that is older than its own changes nothing: it has been loaded anew meanwhile.
@@ -126,13 +126,8 @@ impl Estimator {
     pub fn estimate_all(&mut self, frames: &[Frame<'_>]) -> Vec<Result<Estimate, EstimateError>> {
         let mut progress: Vec<Result<Progress, EstimateError>> =
             frames.iter().map(|frame| self.look_for_objects(frame, &self.wanted(frame.selection))).collect();
+        self.solve_objects(frames, &mut progress);
         let catalogue = Arc::clone(&self.catalogue);
-        for (index, model) in catalogue.library.objects.iter().enumerate() {
-            let Some(model) = model else { continue };
-            if let Some(in_force) = catalogue.references.get(&model.manifest.name) {
-                self.estimate_object(index, model, &in_force.reference.offset, frames, &mut progress);
-            }
-        }
         let answers = frames.iter().zip(progress);
         answers.map(|(frame, progress)| progress.map(|progress| progress.finish(frame, &catalogue))).collect()
     }
@@ -168,7 +163,7 @@ impl Estimator {
         };
         let network = self.networks.keypoints[index].as_mut();
         let network = network.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
-        self.activity.runs(&of_object(object));
+        let _running = self.activity.runs(&format!("the keypoint net of object {object}"));
         let manifest = &model.manifest;
         let found = keypoints::locate_within(manifest, network, &mut self.resizer, image, &region)?;
         Ok((region, keypoints::solve_judged(manifest, &found, image, &region, camera, keypoints_scale)?))
@@ -235,107 +230,36 @@ impl Estimator {
         Ok(Progress { camera, found, looked, truncated, covered, poses: Vec::new(), timings })
     }
 
-    /// One object's keypoints and poses in all frames.
-    fn estimate_object(
-        &mut self,
-        index: usize,
-        model: &ObjectModel,
-        offset: &Offset,
-        frames: &[Frame<'_>],
-        progress: &mut [Result<Progress, EstimateError>],
-    ) {
-        let start = Instant::now();
-        let (wanted, crops) = self.cut_crops(index, model, frames, progress);
-        let Some(network) = self.networks.keypoints[index].as_mut().filter(|_| !wanted.is_empty()) else { return };
-        self.activity.runs(&of_object(&model.manifest.name));
-        let predictions = locate(model, network, &mut self.resizer, &wanted, &crops);
-        let elapsed = start.elapsed();
-        let mut timed = None;
-        for (BoxInFrame { frame, found }, prediction) in wanted.into_iter().zip(predictions) {
-            let prediction = match prediction {
-                Ok(prediction) => prediction,
-                Err(error) => {
-                    progress[frame] = Err(error);
-                    continue;
-                }
-            };
-            let Ok(progress) = &mut progress[frame] else { continue };
-            if timed.replace(frame) != Some(frame) {
-                progress.timings.keypoints += elapsed;
-            }
-            let start = Instant::now();
-            let pose = object_pose(model, offset, found.detection, &prediction, frames[frame].image, &progress.camera);
-            progress.poses.push(ObjectPose { track: found.expected.map(|place| place.track), ..pose });
-            progress.timings.pnp += start.elapsed();
-        }
-    }
-
-    /// The crops of one object in all frames that show it and are still wanted.
-    fn cut_crops<'a>(
-        &mut self,
-        index: usize,
-        model: &ObjectModel,
-        frames: &[Frame<'a>],
-        progress: &mut [Result<Progress, EstimateError>],
-    ) -> (Vec<BoxInFrame>, Vec<Crops<'a>>) {
-        let (mut wanted, mut crops) = (Vec::new(), Vec::new());
-        for (frame_index, (frame, progress)) in frames.iter().zip(progress).enumerate() {
-            let Ok(of_frame) = progress else { continue };
-            let found: Vec<Found> = of_frame.found.iter().filter(|f| f.detection.object == index).copied().collect();
-            if found.is_empty() {
-                continue;
-            }
-            let cut = (frame.abandoned)().map_err(EstimateError::from).and_then(|()| {
-                let (manifest, resizer) = (&model.manifest, &mut self.resizer);
-                let mut cut = |one: &Found| match one.expected {
-                    Some(place) => keypoints::cut_expected(manifest, resizer, frame.image, place.square),
-                    None => keypoints::cut(manifest, resizer, frame.image, one.detection.bounding_box),
-                };
-                Ok(found.iter().map(&mut cut).collect::<Result<Vec<_>, _>>()?)
-            });
-            match cut {
-                Ok(cut) => {
-                    wanted.extend(found.into_iter().map(|found| BoxInFrame { frame: frame_index, found }));
-                    crops.extend(cut);
-                }
-                Err(error) => *progress = Err(error),
+    /// The poses of all objects in all frames.
+    fn solve_objects(&mut self, frames: &[Frame<'_>], progress: &mut [Result<Progress, EstimateError>]) {
+        let catalogue = Arc::clone(&self.catalogue);
+        let mut scenes: Vec<Scene<'_>> = Vec::with_capacity(frames.len());
+        for (place, (frame, progress)) in frames.iter().zip(&*progress).enumerate() {
+            if let Ok(Progress { camera, found, .. }) = progress {
+                scenes.push(Scene { place, frame, camera, found });
             }
         }
-        (wanted, crops)
+        let is_shown = |index: usize| scenes.iter().flat_map(|scene| scene.found).any(|f| f.detection.object == index);
+        let calibrated = |model: &Arc<ObjectModel>| catalogue.references.get(&model.manifest.name);
+        let objects =
+            catalogue.library.objects.iter().map(|model| model.as_ref().zip(model.as_ref().and_then(calibrated)));
+        let objects: Vec<_> = objects.collect();
+        let networks = objects.iter().zip(&mut self.networks.keypoints).enumerate();
+        let sought = networks.filter_map(|(index, (object, network))| {
+            let ((model, in_force), network) = object.as_ref().zip(network.as_mut()).filter(|_| is_shown(index))?;
+            Some(Sought { index, model, offset: &in_force.reference.offset, network })
+        });
+        let solved = solve_all(sought.collect(), &scenes, &self.cores, &mut self.resizer, &self.activity);
+        for Solved { place, pose, keypoints, pnp, .. } in solved {
+            let Ok(of_frame) = &mut progress[place] else { continue };
+            of_frame.timings.keypoints += keypoints;
+            of_frame.timings.pnp += pnp;
+            match pose {
+                Ok(pose) => of_frame.poses.push(pose),
+                Err(error) => progress[place] = Err(error),
+            }
+        }
     }
-}
-
-/// An object's network, in the log.
-fn of_object(name: &str) -> String {
-    format!("the keypoint net of object {name}")
-}
-
-/// The keypoints within boxes, of all frames together. Where that fails, of each frame alone: what fails then is that
-/// frame's own failure.
-fn locate(
-    model: &ObjectModel,
-    network: &mut KeypointNet,
-    resizer: &mut Resizer,
-    boxes: &[BoxInFrame],
-    crops: &[Crops<'_>],
-) -> Vec<Result<KeypointPrediction, EstimateError>> {
-    let mut of = |crops: &[Crops<'_>]| keypoints::locate(&model.manifest, network, resizer, crops);
-    let each = |count: usize, result: Result<Vec<_>, EstimateError>| match result {
-        Ok(found) => found.into_iter().map(Ok).collect(),
-        Err(error) => vec![Err(error); count],
-    };
-    let together = of(crops);
-    let frames = || boxes.chunk_by(|a, b| a.frame == b.frame);
-    if together.is_ok() || frames().count() == 1 {
-        return each(crops.len(), together);
-    }
-    let mut rest = crops;
-    let alone = |of_frame: &[BoxInFrame]| {
-        let (own, others) = rest.split_at(of_frame.len());
-        rest = others;
-        each(own.len(), of(own))
-    };
-    frames().flat_map(alone).collect()
 }
 
 fn the_only_box(found: &[Found], object: usize) -> Result<BoundingBox, MeasureError> {

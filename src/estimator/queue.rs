@@ -9,6 +9,7 @@ use tokio::sync::oneshot;
 
 use super::admission::{Admission, BodyLease, Place, Refusal, Room};
 use super::answer::Abandoned;
+use super::cores::Cores;
 use super::job::{Answer, Job, QueueError, ReferenceWork, Slot, Solved, Task, Work};
 use super::pace::Pace;
 use super::pipeline::Estimator;
@@ -68,6 +69,7 @@ impl Queue {
             jobs: receiver,
             pace: Arc::clone(&pace),
             stats: Arc::clone(&stats),
+            cores: Arc::new(Cores::new(config.workers)),
         };
         let updates = worker::start(config.workers, config.worker_timeout, &workers)?;
         let admission = Admission::new(config.room);

@@ -14,9 +14,16 @@ pub(super) struct Activity(Mutex<State>);
 struct State {
     /// While it works on a batch.
     since: Option<Instant>,
-    /// Whose network it ran last.
+    /// What runs now.
+    networks: Vec<String>,
+    /// What ran when it was taken out.
+    hung: Option<String>,
+}
+
+/// A network runs until this is dropped.
+pub(super) struct Running<'a> {
+    activity: &'a Activity,
     network: String,
-    taken_out: bool,
 }
 
 impl Activity {
@@ -24,37 +31,34 @@ impl Activity {
         self.with(|state| state.since = Some(Instant::now()));
     }
 
-    /// From now on a network runs.
-    pub(super) fn runs(&self, network: &str) {
-        self.with(|state| {
-            if state.network != network {
-                network.clone_into(&mut state.network);
-            }
-        });
+    #[must_use]
+    pub(super) fn runs(&self, network: &str) -> Running<'_> {
+        self.with(|state| state.networks.push(network.to_owned()));
+        Running { activity: self, network: network.to_owned() }
     }
 
     /// The batch is answered. A worker that was taken out is back.
     pub(super) fn end(&self, worker: &str, stats: &Stats) {
         self.with(|state| {
             state.since = None;
-            if std::mem::take(&mut state.taken_out) {
+            if let Some(hung) = state.hung.take() {
                 stats.ready_workers.fetch_add(1, Ordering::Relaxed);
                 stats.lost_workers.fetch_sub(1, Ordering::Relaxed);
-                tracing::warn!("{worker} is back: {} has ended after all", state.network);
+                tracing::warn!("{worker} is back: {hung} has ended after all");
             }
         });
     }
 
     fn take_out(&self, worker: &str, limit: Duration, stats: &Stats) {
         self.with(|state| {
-            if state.taken_out || state.since.is_none_or(|since| since.elapsed() <= limit) {
+            if state.hung.is_some() || state.since.is_none_or(|since| since.elapsed() <= limit) {
                 return;
             }
-            state.taken_out = true;
+            let network = state.networks.join(", ");
+            state.hung = Some(network.clone());
             stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
             stats.lost_workers.fetch_add(1, Ordering::Relaxed);
             Stats::count(&stats.worker_timeouts);
-            let network = &state.network;
             tracing::error!(
                 "{worker} is taken out: its images take longer than {limit:?} ('worker_timeout_ms'), and it is still in \
                  {network}; if it does not come back, restart the server, and check that model"
@@ -65,6 +69,16 @@ impl Activity {
     fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
         // Each field is valid by itself, whoever panicked beside it.
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.activity.with(|state| {
+            if let Some(place) = state.networks.iter().position(|network| *network == self.network) {
+                state.networks.swap_remove(place);
+            }
+        });
     }
 }
 

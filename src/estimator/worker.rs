@@ -9,6 +9,7 @@ use crossbeam_channel::{Receiver, Sender};
 use thiserror::Error;
 
 use super::answer::{Abandoned, Estimate, EstimateError, Selection};
+use super::cores::Cores;
 use super::job::{Job, QueueError, Slot, Task};
 use super::pace::Pace;
 use super::pipeline::{Estimator, Frame};
@@ -50,6 +51,8 @@ pub(super) struct Workers {
     pub jobs: Receiver<Slot>,
     pub pace: Arc<Pace>,
     pub stats: Arc<Stats>,
+    /// Of those that wait, for those that work.
+    pub cores: Arc<Cores>,
 }
 
 /// Starts the workers and comes back once each of them is warmed up, with a sender of updates for each. They end with the
@@ -105,7 +108,9 @@ impl Workers {
             Stats::count(&stats.batches);
             self.pace.begin();
             activity.begin();
+            let own = self.cores.own();
             let sound = self.answer(&mut estimator, batch);
+            drop(own);
             activity.end(name, stats);
             if sound {
                 continue;
@@ -129,6 +134,7 @@ impl Workers {
     fn make(&self, activity: &Arc<Activity>) -> Result<Estimator, RuntimeError> {
         let mut estimator = (self.make)()?;
         estimator.activity = Arc::clone(activity);
+        estimator.cores = Arc::clone(&self.cores);
         Ok(estimator)
     }
 

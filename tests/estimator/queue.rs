@@ -12,7 +12,7 @@ use posed::vision::{DecodeOptions, Image, header};
 use crate::script::{Manifests, Models, Script, batch_of, brightness, camera, end2end, keypoints, output, png};
 
 const ROOM: Room = Room { images: 16, bytes: 1 << 20, pixel_bytes: 1 << 26 };
-const CONFIG: QueueConfig = QueueConfig {
+pub(crate) const CONFIG: QueueConfig = QueueConfig {
     room: ROOM,
     decoders: 2,
     workers: 1,
