@@ -54,7 +54,7 @@ impl Activity {
             if state.hung.is_some() || state.since.is_none_or(|since| since.elapsed() <= limit) {
                 return;
             }
-            let network = state.networks.join(", ");
+            let network = if state.networks.is_empty() { "no network".into() } else { state.networks.join(", ") };
             state.hung = Some(network.clone());
             stats.ready_workers.fetch_sub(1, Ordering::Relaxed);
             stats.lost_workers.fetch_add(1, Ordering::Relaxed);

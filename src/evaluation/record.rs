@@ -11,6 +11,8 @@ use crate::vision::BoundingBox;
 pub struct Answer {
     /// `camera_from_object`; `None` where it saw the object and found no pose.
     pub pose: Option<Pose>,
+    /// Other poses that explain the image about as well.
+    pub alternatives: Vec<Pose>,
     /// Of [`Pose::perturbed`] in the camera's frame; `None` where the estimator states none.
     pub covariance: Option<Covariance6>,
     /// Larger is better: posed's lies in 0..1.
@@ -64,6 +66,8 @@ pub struct Scored {
     pub answer: Answer,
     /// `None` where there is no pose.
     pub deviation: Option<Deviation>,
+    /// Of the alternatives.
+    pub of_alternatives: Vec<Deviation>,
     /// In units of its covariance; `None` where there is no usable one.
     pub nees: Option<PoseNees>,
     /// The same in units of the covariance that is the image's own.

@@ -31,14 +31,16 @@ def figures(split: Path, meshes: Path, objects: list[str], kept: Path) -> list[d
     return [view for view in json.loads(kept.read_text())["views"] if view["visible_fraction"] >= LEAST_VISIBLE]
 
 
-def cells(views: list[dict]) -> tuple[str, str, str, str]:
-    """Right of all, `ok` but wrong of the `ok` ones and of all answers, right ones that are `ok`; in percent."""
+def cells(views: list[dict]) -> tuple[str, ...]:
+    """Right of all; the same, or one of the alternatives is; `ok` but wrong of the `ok` ones and of all answers; right
+    ones that are `ok`: in percent."""
     answers = [view for view in views if view["status"]]
     ok = [view for view in answers if view["status"] == "ok"]
     right = [view for view in answers if view["right"]]
     wrong = sum(not view["right"] for view in ok)
     return (
         percent(len(right), len(views)),
+        percent(sum(view["right"] or view["right_alternative"] for view in views), len(views)),
         f"{percent(wrong, len(ok))} ({wrong} of {len(ok)})",
         percent(wrong, len(answers)),
         percent(sum(view["status"] == "ok" for view in right), len(right)),
@@ -57,8 +59,16 @@ def main() -> None:
     parser.add_argument("--meshes", type=Path, required=True)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    print("| trouble | strength | right, % | `ok` but wrong, % of `ok` | % of answers | right that are `ok`, % |")
-    print("|---|---|---|---|---|---|")
+    head = (
+        "trouble",
+        "strength",
+        "right",
+        "or an alternative",
+        "`ok` but wrong, of `ok`",
+        "of answers",
+        "right that are `ok`",
+    )
+    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
     plain = figures(arguments.split, arguments.meshes, arguments.objects, arguments.out / "none.json")
     print(f"| none | | {' | '.join(cells(plain))} |")
     for trouble in TROUBLES:

@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
-import torch
 
 from . import ablate, check, config, corrupt, cut_off, data, detector, export, pack, quantize, train, trust
 from .onboard.checking import conclude
@@ -71,7 +69,7 @@ def run_trust(arguments: argparse.Namespace) -> None:
 
 
 def run_ablate(arguments: argparse.Namespace) -> None:
-    use_threads(arguments.threads)
+    train.use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
     ablate.run(
         settings,
@@ -82,15 +80,8 @@ def run_ablate(arguments: argparse.Namespace) -> None:
     print(ablate.table(settings, arguments.runs))
 
 
-def use_threads(count: int | None) -> None:
-    if count is None:
-        return
-    torch.set_num_threads(count)
-    cv2.setNumThreads(count)
-
-
 def run_keypoints(arguments: argparse.Namespace) -> None:
-    use_threads(arguments.threads)
+    train.use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.KeypointConfig)
     report = check.check(data.read_photoreal(settings, arguments.data), settings.poses)
     print("\n".join([str(report), *(f"warning: {problem}" for problem in report.problems)]))
@@ -117,7 +108,7 @@ def run_quantize(arguments: argparse.Namespace) -> None:
 
 
 def run_detector(arguments: argparse.Namespace) -> None:
-    use_threads(arguments.threads)
+    train.use_threads(arguments.threads)
     settings = config.load(arguments.settings, config.DetectorConfig)
     model = detector.train(settings, arguments.data, arguments.runs / "detector", arguments.init)
     scores = {}

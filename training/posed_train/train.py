@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -38,6 +39,8 @@ COMPARISONS = 10
 COMPARE_EVERY = 50, 1000
 FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
+progress_line: int | None = None
+"""Of the terminal, counted from where it is, where several trainings show their progress."""
 
 
 def predictor(model: KeypointNet, heights: np.ndarray | None) -> Predictor:
@@ -148,6 +151,12 @@ class Trained(NamedTuple):
     last: int  # step of the training
 
 
+def use_threads(count: int | None) -> None:
+    if count is not None:
+        torch.set_num_threads(count)
+        cv2.setNumThreads(count)
+
+
 def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = None, workers: int = 0) -> Trained:
     """Trains (or goes on training) one object's net; `out` gets checkpoint.pt, best.pt, log.csv, curves.png and
     sheet.png. The net that comes back is the best one by held-out views, if any tell.
@@ -189,7 +198,8 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
         trainer.settle(load(source, data, config, trainer, workers))
     log = Log(out / "log.csv")
     losses, clock = [], Clock(trainer)
-    with tqdm(total=trainer.end, initial=trainer.step, desc=config.name, mininterval=10) as bar:
+    progress = {"total": trainer.end, "initial": trainer.step, "desc": config.name, "position": progress_line}
+    with tqdm(mininterval=10, **progress) as bar:
         while trainer.step < trainer.end:
             losses.append(step(next(batches)))
             bar.update()

@@ -17,7 +17,8 @@ from posed_train.onboard import training
 from posed_train.onboard.symmetry import motions
 
 
-def test_a_project_trains_without_settings(project, tmp_path, capsys):
+def test_a_project_trains_without_settings(project, tmp_path, capfd):
+    """Both nets at once, where there are cores for it: each in a process of its own."""
     models = tmp_path / "models"
     words = ["train", project, "--models", models, "--steps", 2, "--detector-steps", 2, "--threads", 1]
     run(*words)
@@ -26,7 +27,7 @@ def test_a_project_trains_without_settings(project, tmp_path, capsys):
         assert manifest["name"] == name and manifest["model_sha256"] == export.sha256(models / name / "keypoints.onnx")
         assert manifest["training"]["held_out"]["photos"] > 2
     assert json.loads((models / "detector/detector.json").read_text())["labels"] == ["cube", "motor"]
-    printed = capsys.readouterr().out
+    printed = capfd.readouterr().out
     assert re.search(r"step 2 of 2: loss \d+\.\d+; \d+ of \d+ held-out photos agree", printed)
     # What is weak, and what to do about it.
     assert "directions around the object have no photo" in printed and "(`posed-train add`)" in printed

@@ -100,6 +100,7 @@ impl Source {
             };
             let answer = Answer {
                 pose: Some(result.camera_from_object),
+                alternatives: Vec::new(),
                 covariance: None,
                 image_covariance: None,
                 evidence: None,
@@ -169,6 +170,7 @@ impl Answerer<'_> {
 fn answer(found: &ObjectPose) -> Answer {
     Answer {
         pose: found.pose.as_ref().map(|solved| solved.camera_from_object),
+        alternatives: found.pose.iter().flat_map(|solved| &solved.alternatives).map(|(pose, _)| *pose).collect(),
         covariance: found.pose.as_ref().map(|solved| solved.covariance),
         image_covariance: found.pose.as_ref().map(|solved| solved.image_covariance),
         evidence: found.pose.as_ref().map(|solved| solved.evidence),

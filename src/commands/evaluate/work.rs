@@ -1,6 +1,6 @@
 use nalgebra::Vector3;
 
-use posed_core::geometry::Covariance6;
+use posed_core::geometry::{Covariance6, Pose};
 
 use super::answers::{Answerer, Said};
 use super::plan::{Instance, Task, visible_fraction};
@@ -72,13 +72,14 @@ fn scored(known: &[Known], task: &Task, instance: &Instance, answer: Answer) -> 
     let nees =
         |covariance: &Option<Covariance6>| PoseNees::new(points, answer.pose.as_ref()?, covariance.as_ref()?, truth);
     let (nees, image_nees) = (nees(&answer.covariance), nees(&answer.image_covariance));
-    Scored { deviation: deviation(known, task, instance, &answer), nees, image_nees, answer }
+    let of_alternatives = answer.alternatives.iter().map(|pose| deviation(known, task, instance, pose)).collect();
+    let deviation = answer.pose.map(|pose| deviation(known, task, instance, &pose));
+    Scored { answer, deviation, of_alternatives, nees, image_nees }
 }
 
-fn deviation(known: &[Known], task: &Task, instance: &Instance, answer: &Answer) -> Option<Deviation> {
+fn deviation(known: &[Known], task: &Task, instance: &Instance, pose: &Pose) -> Deviation {
     let points = &known[instance.object].points;
-    let of_pose = |pose| Deviation::new(points, &task.camera, &pose, &instance.truth.camera_from_object);
-    answer.pose.map(of_pose)
+    Deviation::new(points, &task.camera, pose, &instance.truth.camera_from_object)
 }
 
 /// What the detector found of each object, and the instance that each answer means.
@@ -128,9 +129,9 @@ fn by_pose(known: &[Known], task: &Task, said: &Said) -> Vec<Option<usize>> {
     assign(said.anywhere.len(), task.instances.len(), |place, instance| {
         let (object, answer) = &said.anywhere[place];
         let instance = &task.instances[instance];
-        let near = |deviation: Deviation| deviation.add_m;
+        let off = |pose: Pose| deviation(known, task, instance, &pose).add_m;
         let meant = asked_for[place] && instance.object == *object;
-        deviation(known, task, instance, answer).filter(|_| meant).map(near)
+        answer.pose.filter(|_| meant).map(off)
     })
 }
 

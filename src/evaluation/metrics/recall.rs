@@ -28,11 +28,19 @@ pub struct ScoredView {
     pub image_width_px: u32,
 }
 
+impl Deviation {
+    /// Whether ADD(-S) is below a tenth of the diameter.
+    #[must_use]
+    pub fn is_right(&self, diameter_m: f64) -> bool {
+        self.add_m < ADD_SHARE_OF_DIAMETER * diameter_m
+    }
+}
+
 impl ScoredView {
     /// Whether ADD(-S) is below a tenth of the diameter.
     #[must_use]
     pub fn is_right(&self) -> bool {
-        self.deviation.is_some_and(|deviation| deviation.add_m < ADD_SHARE_OF_DIAMETER * self.diameter_m)
+        self.deviation.is_some_and(|deviation| deviation.is_right(self.diameter_m))
     }
 
     /// Share of the thresholds of `AR_MSSD` that the view is within, 0..1.

@@ -16,6 +16,8 @@ pub struct ViewLine {
     pub visible_fraction: f64,
     /// ADD(-S) below a tenth of the diameter.
     pub right: bool,
+    /// The same of one of the answer's alternatives.
+    pub right_alternative: bool,
     /// `None`, as the rest, where there is no answer.
     pub status: Option<Status>,
     pub reasons: Vec<String>,
@@ -50,6 +52,8 @@ impl ViewLine {
             place: record.place.clone(),
             visible_fraction: record.visible_fraction,
             right: record.view(of.diameter_m).is_right(),
+            right_alternative: said
+                .is_some_and(|said| said.of_alternatives.iter().any(|one| one.is_right(of.diameter_m))),
             status: said.map(|said| said.answer.status),
             reasons: said.map_or_else(Vec::new, |said| said.answer.reasons.clone()),
             confidence: said.map(|said| said.answer.confidence),

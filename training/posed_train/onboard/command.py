@@ -208,17 +208,24 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=whole(0), default=0, help="processes that prepare batches; a GPU needs several"
     )
-    parser.add_argument("--threads", type=whole(1))
+    parser.add_argument(
+        "--threads", type=whole(1), help="of each training; several objects are trained side by side on a CPU"
+    )
     parser.set_defaults(run=run_train)
 
 
 def run_train(arguments: argparse.Namespace) -> None:
-    from ..commands import use_threads
+    from ..train import use_threads
     from .training import Plan, train_projects
 
     use_threads(arguments.threads)
     plan = Plan(
-        arguments.models, arguments.steps, arguments.detector_steps, arguments.workers, not arguments.to_the_end
+        models=arguments.models,
+        steps=arguments.steps,
+        detector_steps=arguments.detector_steps,
+        workers=arguments.workers,
+        threads=arguments.threads,
+        stops_itself=not arguments.to_the_end,
     )
     train_projects(arguments.projects, plan, arguments.init)
 

@@ -1,11 +1,16 @@
 """`posed-train train`: keypoint nets and a detector of one or more projects, without settings to write."""
 
 import json
+import multiprocessing
 import os
 from collections import defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing.queues import SimpleQueue
 from pathlib import Path
+
+import torch
 
 from .. import detector, export, quantize
 from .. import train as training
@@ -34,6 +39,8 @@ class Plan:
     steps: int
     detector_steps: int
     workers: int
+    threads: int | None = None
+    """Of each training; as many as there are cores for it, if `None`."""
     stops_itself: bool = True
     """Keypoint nets, once they learn no more."""
 
@@ -45,7 +52,8 @@ def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> No
         raise DatasetError(f"objects {', '.join(sorted(names))}: two of one name; rename one in its object.toml")
     work = [(project, item, ready(project, item)) for project in loaded for item in project.items]
     for project, item, views in work:
-        train_keypoints(project, item, views, plan, init)
+        find_backgrounds(project, item, views)
+    train_all(work, plan, init)
     train_detector(work, plan)
     folders = " ".join(dict.fromkeys(str(project.folder) for project in loaded))
     print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed-train export {folders}`")
@@ -64,13 +72,41 @@ def ready(project: Project, item: Item) -> list[View]:
     return views
 
 
-def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan, init: Path | None) -> None:
+def train_all(work: list[tuple[Project, Item, list[View]]], plan: Plan, init: Path | None) -> None:
+    """Side by side on a CPU: a step of one net keeps one core busy, and is hardly quicker on two."""
+    cores = len(os.sched_getaffinity(0))
+    together = 1 if torch.cuda.is_available() else min(len(work), cores)
+    if together == 1:
+        for project, item, views in work:
+            train_keypoints(project, item, views, plan, init)
+        return
+    context = multiprocessing.get_context("spawn")
+    lines = context.SimpleQueue()
+    for line in range(together):
+        lines.put(line)
+    threads = plan.threads or max(1, cores // together)
+    with ProcessPoolExecutor(together, context, begin_beside_others, (lines, threads)) as pool:
+        trained = [pool.submit(train_keypoints, *one, plan, init) for one in work]
+    for one in trained:
+        one.result()
+
+
+def begin_beside_others(lines: SimpleQueue, threads: int) -> None:
+    """In a process of its own, whose progress has a line of its own."""
+    training.progress_line = lines.get()
+    training.use_threads(threads)
+
+
+def find_backgrounds(project: Project, item: Item, views: list[View]) -> None:
     boxes = defaultdict(list)
     for other in project.items:
         for view in read_views(project.split, other.obj_id, min_box_px=1):
             boxes[view.image_path].append(view.box)
     count = make_backgrounds(views, boxes, project.folder / "backgrounds")
     print(f"{item.name}: {count} backgrounds")
+
+
+def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan, init: Path | None) -> None:
     settings = KeypointConfig(
         name=item.name,
         obj_id=item.obj_id,
