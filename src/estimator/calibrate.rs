@@ -62,11 +62,23 @@ pub fn calibrate(
         offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })
     };
     let offsets = views.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
-    let averaged = average_offsets(model, offsets, mode)?;
+    let diameter_m = model.manifest.diameter_m;
+    let meant = |(view, offset): (&MeasuredView, &Offset)| {
+        origin_is_near(offset, &view.camera_from_object, &view.solution.pose, diameter_m)
+    };
+    let averaged = average_offsets(model, offsets.clone(), mode);
+    if averaged.is_err() && !far_origin {
+        // A mistake that all poses have in common keeps them from agreeing.
+        let far: Vec<_> = views.iter().zip(&offsets).filter_map(|one| meant(one).err()).collect();
+        let is_common = far.len() == views.len();
+        if let Some(first) = far.into_iter().next().filter(|_| is_common) {
+            return Err(first.into());
+        }
+    }
+    let averaged = averaged?;
     let agreeing = views.iter().zip(&averaged.residuals).find(|(_, residual)| residual.inlier);
     if let Some((view, _)) = agreeing.filter(|_| !far_origin) {
-        let (stated, seen) = (&view.camera_from_object, &view.solution.pose);
-        origin_is_near(&averaged.offset, stated, seen, model.manifest.diameter_m)?;
+        meant((view, &averaged.offset))?;
     }
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {

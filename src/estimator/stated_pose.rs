@@ -16,7 +16,7 @@ pub enum StatedPoseError {
     SameView { first: String, second: String },
     #[error(
         "by the stated pose the origin of the object's frame is {distance_m:.3} m from where the image shows the object, \
-         which is {diameter_m:.3} m large: {guess}. If the origin is that far away, set 'far_origin'"
+         which is {diameter_m:.3} m large: {guess}. If the origin is that far away, set 'far_origin' (--far-origin)"
     )]
     FarOrigin { distance_m: f64, diameter_m: f64, guess: &'static str },
 }

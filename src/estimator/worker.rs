@@ -204,7 +204,7 @@ impl Workers {
         let start = Instant::now();
         let Some(estimates) = estimate_frames(estimator, &batch) else {
             for job in batch {
-                job.fail(QueueError::Crashed);
+                self.fail(job, QueueError::Crashed);
             }
             return false;
         };
@@ -220,7 +220,7 @@ impl Workers {
                     job.answer(estimate, batch_size);
                 }
                 Err(EstimateError::Abandoned(why)) => self.abandon(job, why),
-                Err(error) => job.fail(error.into()),
+                Err(error) => self.fail(job, error.into()),
             }
         }
         true
@@ -241,10 +241,16 @@ impl Workers {
                 Stats::count(&self.stats.worked);
                 job.solved(solved);
             }
-            Ok(Err(error)) => job.fail(error.into()),
-            Err(_) => job.fail(QueueError::Crashed),
+            Ok(Err(error)) => self.fail(job, error.into()),
+            Err(_) => self.fail(job, QueueError::Crashed),
         }
         sound
+    }
+
+    /// An error is an answer, too.
+    fn fail(&self, job: Job, error: QueueError) {
+        Stats::count(&self.stats.worked);
+        job.fail(error);
     }
 
     /// Nobody waits for it any more, or in vain.

@@ -6,6 +6,7 @@ mod detector;
 mod evidence;
 mod file_version;
 mod in_force;
+mod left_over;
 mod library;
 mod load_error;
 mod manifest;

@@ -6,6 +6,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use super::file_version::FileVersion;
 use super::in_force::InForce;
+use super::left_over::{images_of, sweep};
 use super::library::Library;
 use super::manifest::sha256_hex;
 use super::object::ObjectModel;
@@ -220,13 +221,15 @@ impl References {
         format!("{object}-{}.{ending}", &sha256_hex(image)[..12])
     }
 
-    /// Fails where references cannot be written.
+    /// Fails where references cannot be written. Removes what an earlier program left over that was killed while it wrote.
     ///
     /// # Errors
     /// [`ReferenceError::Write`] names the folder.
     pub fn check_writable(&self) -> Result<(), ReferenceError> {
         let written = fs::create_dir_all(&self.folder).and_then(|()| tempfile::tempfile_in(&self.folder).map(drop));
-        written.map_err(|source| ReferenceError::Write { path: self.folder.clone(), source })
+        written.map_err(|source| ReferenceError::Write { path: self.folder.clone(), source })?;
+        sweep(&self.folder);
+        Ok(())
     }
 
     fn entry(&self, object: &str) -> Option<Entry> {
@@ -258,19 +261,4 @@ fn usable(error: ReferenceError) -> Result<String, ReferenceError> {
 /// The file of an object's reference.
 fn file_of(folder: &Path, object: &str) -> PathBuf {
     folder.join(format!("{object}.json"))
-}
-
-/// The images that a reference file names and that lie beside it.
-fn images_of(reference: &Path) -> Vec<String> {
-    #[derive(serde::Deserialize)]
-    struct Names {
-        references: Vec<Name>,
-    }
-    #[derive(serde::Deserialize)]
-    struct Name {
-        image: String,
-    }
-    let names = fs::read(reference).ok().and_then(|bytes| serde_json::from_slice::<Names>(&bytes).ok());
-    let names = names.into_iter().flat_map(|names| names.references).map(|name| name.image);
-    names.filter(|name| Path::new(name).file_name().is_some_and(|file| file == name.as_str())).collect()
 }

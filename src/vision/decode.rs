@@ -238,9 +238,13 @@ mod tests {
 
     /// A JPEG with an EXIF segment that states an orientation.
     fn turned(orientation: u8) -> Vec<u8> {
+        turned_again(&encoded(&gradient(), ImageFormat::Jpeg), orientation)
+    }
+
+    /// With such a segment before all others.
+    fn turned_again(jpeg: &[u8], orientation: u8) -> Vec<u8> {
         let tiff = [b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".as_slice(), &[orientation, 0, 0, 0], &[0; 4]];
         let exif = [b"Exif\0\0".as_slice(), &tiff.concat()].concat();
-        let jpeg = encoded(&gradient(), ImageFormat::Jpeg);
         let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
         [&jpeg[..2], &[0xFF, 0xE1], &length, &exif, &jpeg[2..]].concat()
     }
@@ -256,6 +260,12 @@ mod tests {
         assert_eq!(applied.image, image::imageops::rotate90(&stored.image));
         assert!(applied.exif.applied);
         assert!(decode(&turned(1), &DecodeOptions::default()).is_ok());
+        // Readers differ in which of two they follow.
+        assert!(decode(&turned_again(&turned(1), 1), &DecodeOptions::default()).is_ok());
+        for (first, second) in [(6, 1), (1, 6)] {
+            let twice = decode(&turned_again(&turned(second), first), &DecodeOptions::default());
+            assert!(matches!(twice, Err(DecodeError::Damaged { .. })), "{twice:?}");
+        }
     }
 
     fn crc32(bytes: &[u8]) -> u32 {

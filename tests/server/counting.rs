@@ -7,7 +7,7 @@ use reqwest::Client;
 use serde_json::Value;
 
 use crate::raw_grpc::RawClient;
-use crate::support::{CAMERA, Server, error, metrics, post, read, samples};
+use crate::support::{CAMERA, Server, error, metrics, png, post, read, samples};
 
 #[tokio::test]
 async fn callers_that_vanish_are_counted() {
@@ -34,6 +34,18 @@ async fn callers_that_vanish_are_counted() {
     let all = text.lines().filter(|line| line.starts_with("posed_requests_total{"));
     let sum: u32 = all.map(|line| line.split_once("} ").unwrap().1.parse::<u32>().unwrap()).sum();
     assert_eq!(sum, 12, "{text}");
+}
+
+/// What goes into the queue comes out of it, also where the image is not the camera's.
+#[tokio::test]
+async fn images_of_another_size_leave_the_queue() {
+    let server = Server::start(&[]);
+    let small = png(&image::RgbImage::new(320, 240).into());
+    for _ in 0..3 {
+        assert_eq!(post(&server, "camera=demo", small.clone()).await.status(), 400);
+    }
+    server.until_counted("posed_queue_enqueued_total 3").await;
+    server.until_counted("posed_queue_dequeued_total{reason=\"worked\"} 3").await;
 }
 
 #[tokio::test]

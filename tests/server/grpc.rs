@@ -1,5 +1,7 @@
 //! The gRPC interface.
 
+use std::time::Duration;
+
 use crate::support::{Server, read, samples};
 use posed::proto::estimate_request::Camera;
 use posed::proto::pose_service_client::PoseServiceClient;
@@ -81,8 +83,13 @@ async fn health_is_reported_for_the_service() {
     let server = Server::start(&[]);
     let channel = Channel::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();
     let request = HealthCheckRequest { service: "posed.v1.PoseService".into() };
-    let answer = HealthClient::new(channel).check(request).await.unwrap().into_inner();
+    let mut health = HealthClient::new(channel);
+    let answer = health.check(request.clone()).await.unwrap().into_inner();
     assert_eq!(answer.status(), ServingStatus::Serving);
+    // Whoever watches hears of changes alone.
+    let mut watched = health.watch(request).await.unwrap().into_inner();
+    assert_eq!(watched.message().await.unwrap().unwrap().status(), ServingStatus::Serving);
+    assert!(tokio::time::timeout(Duration::from_secs(2), watched.message()).await.is_err());
 }
 
 #[tokio::test]

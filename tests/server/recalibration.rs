@@ -1,5 +1,8 @@
 //! `PUT /v1/objects/{name}/reference`.
 
+use std::fs::File;
+use std::time::{Duration, SystemTime};
+
 use nalgebra::Vector3;
 use posed_core::geometry::{Camera, Pose};
 use reqwest::multipart::{Form, Part};
@@ -50,6 +53,23 @@ async fn a_new_reference_takes_effect_at_once_and_stays() {
     drop(server);
     let restarted = Server::start(&arguments);
     assert!((moved(&cube(&restarted).await) - 0.5).abs() < 1e-3);
+}
+
+/// A program that was killed while it wrote leaves files, which the next one removes; young ones may be another replica's.
+#[tokio::test]
+async fn what_was_left_over_is_removed() {
+    let folder = copy_of("reference");
+    let long_ago = SystemTime::now() - Duration::from_hours(2);
+    let names = [".tmpAbCdEf", "cube-0123456789ab.jpg", "notes.txt", "cube-left.jpg", "cube.jpg"];
+    for name in names {
+        let file = File::options().create(true).append(true).open(folder.path().join(name)).unwrap();
+        file.set_modified(long_ago).unwrap();
+    }
+    std::fs::write(folder.path().join("cube-ba9876543210.jpg"), b"young").unwrap();
+    let _server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let there = |name: &&str| folder.path().join(name).exists();
+    assert_eq!(names.into_iter().filter(there).collect::<Vec<_>>(), names[2..]);
+    assert!(there(&"cube-ba9876543210.jpg"));
 }
 
 /// What was fitted of how large the network sees the object is not lost, and the new offset is that of keypoints of this scale.

@@ -122,6 +122,47 @@ async fn a_wrong_view_is_named() {
     }
 }
 
+/// Views that see each object elsewhere cannot all be right: whom nobody bears out is not `ok`, wherever the cameras were said
+/// to stand.
+#[tokio::test]
+async fn cameras_far_from_where_they_stood_make_nothing_ok() {
+    let server = Server::start(&PATIENT);
+    let (images, known) = scene();
+    let ok = |answer: &Value| -> Vec<Value> {
+        answer["objects"].as_array().unwrap().iter().filter(|object| object["status"] == "ok").cloned().collect()
+    };
+    // One of three: the others outnumber it.
+    let mut poses = scene_cameras();
+    let x = poses[1]["translation_m"][0].as_f64().unwrap();
+    poses[1]["translation_m"][0] = (x + 0.3).into();
+    let outnumbered = answer(&server, &images, &views(&poses)).await;
+    assert!(ok(&outnumbered).len() >= 3, "{outnumbered}");
+    for object in ok(&outnumbered) {
+        let transform = &object["world_from_object"];
+        let known = known.iter().find(|known| object["object"] == known.object.as_str()).unwrap();
+        let error = known.error(
+            serde_json::from_value(transform["rotation_xyzw"].clone()).unwrap(),
+            serde_json::from_value(transform["translation_m"].clone()).unwrap(),
+        );
+        assert!(error < 0.06, "{object}");
+        assert!(object["reasons"].as_array().unwrap().contains(&value!("views_disagree")), "{object}");
+    }
+    // Two that were exchanged, and quaternions in another order: nobody knows which is right.
+    let exchanged = vec![scene_cameras()[1].clone(), scene_cameras()[0].clone()];
+    let wxyz = |pose: &Value| {
+        let mut pose = pose.clone();
+        pose["rotation_xyzw"].as_array_mut().unwrap().rotate_right(1);
+        pose
+    };
+    for wrong in [exchanged, scene_cameras()[..2].iter().map(wxyz).collect()] {
+        let answer = answer(&server, &images[..2], &views(&wrong)).await;
+        assert_eq!(ok(&answer), Vec::<Value>::new());
+        let said = answer["objects"].as_array().unwrap().iter();
+        let said = said.filter(|object| object["reasons"].as_array().unwrap().contains(&value!("views_disagree")));
+        assert!(said.count() >= 4, "{answer}");
+    }
+}
+
 /// No baseline, no fusion: said, and answered as one view has it.
 #[tokio::test]
 async fn cameras_in_one_place_are_answered_as_single_views() {

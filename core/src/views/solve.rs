@@ -175,6 +175,9 @@ impl Scene<'_> {
         let Settled { members, fit, covariance, .. } = best;
         let pose = fit.pose;
         let mut chi2: f64 = fit.seen.iter().map(|seen| seen.pull.dot(&seen.step)).sum();
+        // Views that pull the pose apart further than their steps may: most points fit all the same.
+        let pulls = 6.0 * (members.iter().map(|member| member.share).sum::<f64>() - 1.0).max(0.0);
+        let tension = if chi2 > improbable(pulls) { chi2 / pulls.max(1.0) } else { 1.0 };
         let mut inliers = vec![0; views.len()];
         for (member, seen) in members.iter().zip(&fit.seen) {
             let (translation, rotation) = parts(&seen.step);
@@ -193,7 +196,7 @@ impl Scene<'_> {
         }
         let degrees_of_freedom = (weighted - 6.0).max(0.0);
         let reduced = chi2 / degrees_of_freedom.max(1.0);
-        let inflation = if chi2 > improbable(degrees_of_freedom) { reduced } else { 1.0 };
+        let inflation = if chi2 > improbable(degrees_of_freedom) { reduced } else { 1.0 }.max(tension);
         let fits =
             (0..views.len()).map(|index| self.view_fit(best, index, inliers[index], points, views[index].camera));
         let view_angle_rad = widest_angle(members, &pose);
@@ -212,7 +215,7 @@ impl Scene<'_> {
             no_majority: trust(false) >= trust(true) && trust(false) > 0.0,
             weak_baseline: views.len() > 1 && view_angle_rad < WEAK_BASELINE_RAD,
             ambiguous: alternative.is_some_and(|(_, weight)| weight > AMBIGUOUS_WEIGHT),
-            high_residual: reduced > MAX_REDUCED_CHI2,
+            high_residual: reduced.max(tension) > MAX_REDUCED_CHI2,
         };
         let world_from_points = self.body.with_origin(&pose);
         let lever = world_from_points.translation() - pose.translation();
@@ -239,14 +242,20 @@ impl Scene<'_> {
         camera: &Camera,
     ) -> ViewFit {
         let view = &self.views[index];
-        let member = settled.members.iter().find(|member| member.index == index);
+        let members = settled.members.iter().zip(&settled.fit.seen);
+        let member = members.into_iter().find(|(member, _)| member.index == index);
         let (reading, as_seen) = self.as_seen(view, &settled.fit.pose);
         let world_from_points = self.body.with_origin(&as_seen);
         let camera_from_points = view.camera_from_world * world_from_points;
+        // Outliers of a view in use are those of the pose as this view sees it.
+        let own = member.map(|(_, seen)| {
+            let (translation, rotation) = parts(&seen.step);
+            view.camera_from_world * as_seen.perturbed(&translation, &rotation)
+        });
         let (mut sum, mut count) = (0.0, 0.0);
         for seen in view.problems[reading].observations() {
             let pixel = camera.project(&camera_from_points.transform(&points[seen.index]));
-            let outlier = member.is_some() && seen.mahalanobis_squared(&(view.camera_from_world * as_seen)) > FAR;
+            let outlier = own.is_some_and(|own| seen.mahalanobis_squared(&own) > FAR);
             if let (Ok(pixel), Ok(observed), false) = (pixel, camera.project(&seen.image.push(1.0)), outlier) {
                 sum += (pixel - observed).norm_squared();
                 count += 1.0;

@@ -117,6 +117,32 @@ fn shared_errors_of_a_view_are_allowed_for() {
     check("shared errors", &problems.collect::<Vec<_>>());
 }
 
+/// Views that may each see the pose a step off have points that fit wherever a camera is said to stand. The steps tell.
+#[test]
+fn a_camera_that_stood_elsewhere_shows_in_the_steps() {
+    let found_out = |moved_m: f64| {
+        let found_out = (0..300).filter(|problem| {
+            let mut scene = Scene::new(26, *problem);
+            let mut seen: Vec<_> = (0..3)
+                .map(|_| {
+                    let camera = scene.around();
+                    let mut seen = scene.see(&camera, 1.0);
+                    seen.modes = seen.modes.iter().map(|mode| mode.with_covariance(&(mode.covariance * 4.0))).collect();
+                    seen
+                })
+                .collect();
+            let sideways = seen[0].world_from_camera.rotation() * Vector3::x() * moved_m;
+            seen[0].world_from_camera = seen[0].world_from_camera.perturbed(&sideways, &Vector3::zeros());
+            let doubts = scene.solve(&seen).doubts;
+            doubts.high_residual || doubts.views_disagree
+        });
+        found_out.count()
+    };
+    let (at_place, moved) = (found_out(0.0), found_out(0.012));
+    println!("{at_place} and {moved} of 300 doubted");
+    assert!(at_place < 10 && moved > 270, "{at_place} {moved}");
+}
+
 /// Three views know the pose much better than one; that is what they are for.
 #[test]
 fn more_views_know_more() {

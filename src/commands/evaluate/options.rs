@@ -85,7 +85,7 @@ pub(super) struct SplitArgs {
     pub(super) draws: u32,
     /// Replay the images of each scene in their order as a stream that tracks, and compare it with single images: rate, spread,
     /// identity switches, errors. Uses the whole pipeline, with the detector.
-    #[arg(long, conflicts_with_all = ["targets", "detector", "estimates", "references_study", "without_truth", "html", "bop"])]
+    #[arg(long, conflicts_with_all = ["targets", "detector", "estimates", "references_study", "without_truth", "html", "bop", "views"])]
     pub(super) stream: bool,
     /// With `--stream`: images a second. An image's time is its number divided by this.
     #[arg(long, value_name = "RATE", requires = "stream", default_value_t = 30.0, value_parser = rate)]

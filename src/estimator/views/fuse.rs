@@ -7,6 +7,7 @@ use posed_core::geometry::sigmas;
 use posed_core::pnp::Status;
 use posed_core::views::{Sighting, ViewsOptions, associate};
 
+use super::elsewhere;
 use super::fused::{FusedPose, PosedCamera};
 use super::instance::{Instance, Seen};
 use crate::estimator::answer::{Estimate, ObjectPose};
@@ -17,23 +18,34 @@ use crate::model::{Catalogue, ObjectModel};
 /// meanwhile are missing, as are poses of a model that has been replaced between two views.
 #[must_use]
 pub fn fuse(cameras: &[PosedCamera], estimates: &[&Estimate]) -> Vec<FusedPose> {
-    let mut fused = Vec::new();
     let catalogues = estimates.iter().map(|estimate| &estimate.catalogue);
-    let Some(newest) = catalogues.max_by_key(|catalogue| catalogue.library.generation()) else { return fused };
+    let Some(newest) = catalogues.max_by_key(|catalogue| catalogue.library.generation()) else { return Vec::new() };
     let Catalogue { library, references } = &**newest;
-    for (place, model) in library.objects.iter().enumerate() {
-        let Some(model) = model else { continue };
-        let Some(in_force) = references.get(&model.manifest.name) else { continue };
+    let in_force: Vec<_> = library
+        .objects
+        .iter()
+        .enumerate()
+        .filter_map(|(place, model)| {
+            let model = model.as_ref()?;
+            Some((place, model, references.get(&model.manifest.name)?))
+        })
+        .collect();
+    let (mut kinds, mut lost) = (Vec::with_capacity(in_force.len()), Vec::new());
+    for (place, model, in_force) in &in_force {
         let offset = &in_force.reference.offset;
-        let instance = |seen: Vec<Seen<'_>>| Instance { model, offset, seen }.fused();
-        let all: Vec<Seen<'_>> = seen(place, model, cameras, estimates);
-        let (placed, lost): (Vec<_>, Vec<_>) = all.into_iter().partition(|seen| is_sighting(seen.found));
-        fused.extend(
-            groups(model, &placed)
-                .into_iter()
-                .map(|group| instance(group.into_iter().map(|index| placed[index]).collect())),
-        );
-        fused.extend(lost.into_iter().map(|seen| instance(vec![seen])));
+        let all: Vec<Seen<'_>> = seen(*place, model, cameras, estimates);
+        let (placed, nowhere): (Vec<_>, Vec<_>) = all.into_iter().partition(|seen| is_sighting(seen.found));
+        let groups = groups(model, &placed).into_iter();
+        let groups = groups.map(|group| group.into_iter().map(|index| placed[index]).collect());
+        kinds.push(groups.map(|seen| Instance { model, offset, seen }).collect::<Vec<_>>());
+        lost.extend(nowhere.into_iter().map(|seen| Instance { model, offset, seen: vec![seen] }.fused()));
+    }
+    let borne_out = elsewhere::borne_out(kinds.iter().flatten());
+    let mut fused = lost;
+    for instances in &kinds {
+        let mut of_kind: Vec<FusedPose> = instances.iter().map(Instance::fused).collect();
+        elsewhere::doubt(instances, &borne_out, &mut of_kind);
+        fused.extend(of_kind);
     }
     fused.sort_by(|a, b| {
         let views = |fused: &FusedPose| fused.views.iter().filter(|view| view.left_out.is_none()).count();

@@ -1,6 +1,7 @@
 //! From the answers to several images of one scene to one pose of each object in it.
 
 mod cameras;
+mod elsewhere;
 mod fuse;
 mod fused;
 mod instance;

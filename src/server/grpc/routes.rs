@@ -45,8 +45,9 @@ async fn router(context: Arc<Context>) -> Result<Router, Box<dyn Error + Send + 
     let calls = Calls { service: Arc::clone(&context.service), stopping: context.stopping.clone() };
     let poses = PoseServiceServer::new(calls).max_decoding_message_size(limit);
     // Before the first call can ask: else it may hear of a service that is not up for as long as HEALTH_INTERVAL.
-    report_health(&context.readiness, &health).await;
-    tokio::spawn(keep_reporting_health(context.readiness.clone(), health));
+    let first = health_of(&context.readiness);
+    report_health(first, &health).await;
+    tokio::spawn(keep_reporting_health(context.readiness.clone(), health, first));
     let routes = Routes::new(health_service)
         .add_service(reflection)
         .add_service(reflection_v1alpha)
@@ -63,15 +64,23 @@ fn reflection() -> tonic_reflection::server::Builder<'static> {
 }
 
 /// Keeps the health service at what the probes say, until the program ends.
-async fn keep_reporting_health(readiness: Readiness, health: HealthReporter) {
+async fn keep_reporting_health(readiness: Readiness, health: HealthReporter, mut said: ServingStatus) {
     loop {
         tokio::time::sleep(HEALTH_INTERVAL).await;
-        report_health(&readiness, &health).await;
+        // Whoever watches hears of changes alone.
+        let now = health_of(&readiness);
+        if now != said {
+            report_health(now, &health).await;
+            said = now;
+        }
     }
 }
 
-async fn report_health(readiness: &Readiness, health: &HealthReporter) {
-    let status = if readiness.check().is_ok() { ServingStatus::Serving } else { ServingStatus::NotServing };
+fn health_of(readiness: &Readiness) -> ServingStatus {
+    if readiness.check().is_ok() { ServingStatus::Serving } else { ServingStatus::NotServing }
+}
+
+async fn report_health(status: ServingStatus, health: &HealthReporter) {
     for service in ["", PoseServiceServer::<Calls>::NAME] {
         health.set_service_status(service, status).await;
     }

@@ -26,15 +26,28 @@ pub(super) enum ChangeError {
 }
 
 impl Service {
+    /// Loads and runs the networks that another library brings, and lets them go: those that never end show before anybody
+    /// waits for `changing`.
+    pub(super) fn rehearse(&self, library: &Arc<Library>) -> Result<(), ChangeError> {
+        let old = self.catalogue();
+        let references = Arc::new(old.references.renewed(&old.library, library)?);
+        let catalogue = Arc::new(Catalogue { library: Arc::clone(library), references });
+        Ok(Update::prepare(Some(&old.library), &catalogue, &*self.runtime).map(drop)?)
+    }
+
+    /// Whether a library follows the one that is served: none has come between.
+    pub(super) fn is_next(&self, library: &Library) -> bool {
+        library.generation() == self.catalogue().library.generation() + 1
+    }
+
     /// Goes on with another library. Its new networks are loaded and run, once for each worker, while requests go on; then
     /// `commit` is the last thing that can fail. For whoever holds `changing`.
     pub(super) fn change(
         &self,
-        library: Library,
+        library: Arc<Library>,
         commit: impl FnOnce() -> Result<(), ChangeError>,
     ) -> Result<Arc<Catalogue>, ChangeError> {
         let old = self.catalogue();
-        let library = Arc::new(library);
         let references = Arc::new(old.references.renewed(&old.library, &library)?);
         let catalogue = Arc::new(Catalogue { library, references });
         let update = |_| Update::prepare(Some(&old.library), &catalogue, &*self.runtime);

@@ -112,8 +112,12 @@ impl Service {
         if let Some(problem) = object.reference_problem() {
             return Err(of_change(CandidateError::StaleReference(problem.to_owned()).into()));
         }
+        let library = Arc::new(self.catalogue().library.with(object));
+        self.rehearse(&library).map_err(of_change)?;
         let _changing = changing();
-        let library = self.catalogue().library.with(object);
+        if !self.is_next(&library) {
+            return Err(Failure::new(FailureKind::QueueFull, "the models folder changed meanwhile; retry in a moment"));
+        }
         let commit = || if claim.take() { Ok(store.put(staged, name)?) } else { Err(ChangeError::Abandoned) };
         let catalogue = self.change(library, commit).map_err(of_change)?;
         let model = catalogue.library.object(name).ok_or_else(|| Failure::unknown_object(name, &catalogue.library))?;
@@ -134,7 +138,7 @@ impl Service {
                 Some(Err(error)) => Err(error.into()),
                 None => Err(ChangeError::Abandoned),
             };
-            let library = service.catalogue().library.without(&object);
+            let library = Arc::new(service.catalogue().library.without(&object));
             service.change(library, commit).map(drop).map_err(|error| not_written(&error))
         };
         self.in_time(turn, remove).await?;

@@ -106,7 +106,10 @@ impl Service {
         }
         let reference = calibrate(&model, measured, options)?;
         // No change of objects may come between, or the new ones would not know of it.
-        let no_change = Arc::clone(&self.changing).lock_owned().await;
+        let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;
+        let no_change = no_change.map_err(|_| {
+            Failure::new(FailureKind::TimedOut, "an object is being added or removed; measure the reference again")
+        })?;
         let Catalogue { library, references } = (*self.catalogue()).clone();
         if library.object(&object).is_none_or(|now| !Arc::ptr_eq(now, &model)) {
             let message = format!("object {object:?} was replaced meanwhile; measure its reference again");

@@ -75,12 +75,7 @@ impl Seen {
     }
 
     fn apply(&mut self, service: &Service, models: &Path, name: String, now: FolderVersion, there: &BTreeSet<String>) {
-        let _changing = service.changing.blocking_lock();
         let library = Arc::clone(&service.catalogue().library);
-        if now == version_served(&library, &name) {
-            // A client brought it.
-            return;
-        }
         let before = library.object(&name).is_some();
         let (what, next) = if name == DETECTOR {
             ("the shared detector was changed", library.with_shared_detector(models).map_err(ChangeError::from))
@@ -91,6 +86,12 @@ impl Seen {
         } else {
             ("was removed", Ok(library.without(&name)))
         };
+        let next = next.map(Arc::new).and_then(|next| service.rehearse(&next).map(|()| next));
+        let _changing = service.changing.blocking_lock();
+        if service.catalogue().library.generation() != library.generation() {
+            // A client changed something: what is to be done shows at the next look.
+            return;
+        }
         match next.and_then(|next| service.change(next, || Ok(()))) {
             Ok(catalogue) => {
                 tracing::info!("{}: {name} {what}; objects: {}", models.display(), known(&catalogue.library));

@@ -11,6 +11,8 @@ mod scan;
 
 use std::borrow::Cow;
 
+use image::metadata::Orientation;
+
 pub(super) use fault::Fault;
 use fault::SHORT;
 use frame::{Frame, QuantisationSteps};
@@ -43,7 +45,7 @@ struct Whole {
 fn check(bytes: &[u8]) -> Result<Whole, Fault> {
     let mut segments = Segments { bytes, position: 2 };
     let (mut tables, mut steps, mut frame) = (Tables::typical()?, QuantisationSteps::default(), None::<Frame>);
-    let (mut restart_interval, mut scans, mut has_tables) = (0, 0, false);
+    let (mut restart_interval, mut scans, mut has_tables, mut turned) = (0, 0, false, None);
     loop {
         let marker = segments.marker()?;
         match marker {
@@ -65,6 +67,14 @@ fn check(bytes: &[u8]) -> Result<Whole, Fault> {
                 tables.define(segment)?;
             }
             0xDB => steps.define(segment)?,
+            0xE1 => {
+                let Some(exif) = segment.strip_prefix(b"Exif\0\0") else { continue };
+                // Of several blocks one reader takes the first, another the last.
+                let now = Orientation::from_exif_chunk(exif).unwrap_or(Orientation::NoTransforms);
+                if turned.replace(now).is_some_and(|before| before != now) {
+                    return Err("its EXIF blocks state different orientations".into());
+                }
+            }
             0xDD => restart_interval = u16::from_be_bytes(*segment.first_chunk().ok_or(SHORT)?).into(),
             0xDA => {
                 scans += 1;

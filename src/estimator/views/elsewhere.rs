@@ -1,0 +1,54 @@
+//! Views that see an object, each somewhere else: as a rule the poses of their cameras are wrong.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+use posed_core::pnp::Status;
+
+use super::fused::FusedPose;
+use super::instance::{Instance, Seen};
+use crate::estimator::verdict::Reason;
+
+/// Share of an image's sides that is its rim: what is there may be cut off.
+const RIM: f64 = 0.1;
+
+/// The views that see something where another one sees it.
+pub(super) fn borne_out<'a>(instances: impl Iterator<Item = &'a Instance<'a>>) -> BTreeSet<usize> {
+    let shared = instances.filter(|one| one.seen.len() > 1);
+    shared.flat_map(|one| one.seen.iter().map(|seen| seen.view)).collect()
+}
+
+/// `fused` are those of `instances`, all of one kind of object.
+///
+/// Two of them contradict each other if no view sees both: either they are one, and the cameras stood elsewhere, or each is
+/// hidden from the views of the other. The first is likelier where the images should show both, and where no other view bears
+/// out anything that one of the two is seen by. Then the one that fewer views see is in doubt, or both.
+pub(super) fn doubt(instances: &[Instance<'_>], borne_out: &BTreeSet<usize>, fused: &mut [FusedPose]) {
+    let is_odd = |one: &Instance<'_>| !one.seen.iter().any(|seen| borne_out.contains(&seen.view));
+    for (a, one) in instances.iter().enumerate() {
+        for (b, other) in instances.iter().enumerate().filter(|(b, _)| *b != a) {
+            let apart = one.seen.iter().all(|seen| other.seen.iter().all(|of_other| of_other.view != seen.view));
+            let both_in_sight = || is_in_sight(&fused[a], other) && is_in_sight(&fused[b], one);
+            if apart && (is_odd(one) || is_odd(other) || both_in_sight()) {
+                let outnumbers = one.seen.len() > other.seen.len();
+                let status = if outnumbers { Status::Ok } else { Status::LowConfidence };
+                fused[a].verdict.object(Reason::ViewsDisagree, status);
+            }
+        }
+    }
+}
+
+/// Whether a view that another instance is seen in should show this one.
+fn is_in_sight(fused: &FusedPose, other: &Instance<'_>) -> bool {
+    let Some((pose, _)) = &fused.pose else { return false };
+    other.seen.iter().any(|seen| shows(seen, pose.translation()))
+}
+
+fn shows(seen: &Seen<'_>, world_point: &Vector3<f64>) -> bool {
+    let in_camera = seen.camera.world_from_camera.inverse().transform(world_point);
+    let (Ok(pixel), Some((width, height))) = (seen.optics.project(&in_camera), seen.optics.size()) else {
+        return false;
+    };
+    let within = |value: f64, side: u32| (RIM..1.0 - RIM).contains(&(value / f64::from(side)));
+    within(pixel.x, width) && within(pixel.y, height)
+}
