@@ -4,11 +4,12 @@ use std::time::Duration;
 use fast_image_resize::Resizer;
 use image::RgbImage;
 
-use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, ObjectPose, Selection, Timings};
+use super::answer::{Estimate, EstimateError, MeasureError, ObjectPose, Selection, Timings};
 use super::cores::Cores;
 use super::detect::Wanted;
 use super::doubts;
-use super::expected::{Expected, Found, Guide, look_at};
+use super::expected::{Expected, Found, look_at};
+use super::frame::Frame;
 use super::hints::Outcome;
 use super::keypoints;
 use super::look::Eyes;
@@ -19,26 +20,6 @@ use crate::model::{Backend, Catalogue, Library, Networks, ObjectModel, Reference
 use crate::vision::BoundingBox;
 use posed_core::geometry::Camera;
 use posed_core::pnp::{Solution, Status};
-
-/// One image to estimate poses from.
-pub struct Frame<'a> {
-    pub image: &'a RgbImage,
-    /// The camera that took it; scaled where the selection allows that and the image is the camera's image resized.
-    pub camera: &'a Camera,
-    pub selection: &'a Selection,
-    /// What earlier images of its stream say; without it the detector looks.
-    pub guide: Option<&'a Guide>,
-    /// Asked before each stage; an error where nobody waits for the answer any more.
-    pub abandoned: &'a (dyn Fn() -> Result<(), Abandoned> + Sync),
-}
-
-impl<'a> Frame<'a> {
-    /// An image whose answer is wanted in any case, with all its objects.
-    #[must_use]
-    pub fn new(image: &'a RgbImage, camera: &'a Camera) -> Self {
-        Self { image, camera, selection: &Selection::ALL, guide: None, abandoned: &|| Ok(()) }
-    }
-}
 
 /// The whole pipeline on one thread: it owns its networks.
 pub struct Estimator {

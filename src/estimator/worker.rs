@@ -10,9 +10,10 @@ use thiserror::Error;
 
 use super::answer::{Abandoned, Estimate, EstimateError, Selection};
 use super::cores::Cores;
+use super::frame::Frame;
 use super::job::{Job, QueueError, Slot, Task};
 use super::pace::Pace;
-use super::pipeline::{Estimator, Frame};
+use super::pipeline::Estimator;
 use super::stats::Stats;
 use super::update::Update;
 use super::watchdog::{self, Activity};

@@ -23,6 +23,23 @@ pub(crate) struct Browser {
     port: u16,
 }
 
+const ATTEMPTS: usize = 5;
+
+/// `None` where it ends at once.
+fn start_chromedriver() -> Option<(Child, u16)> {
+    let command = &mut Command::new("chromedriver");
+    let started = command.arg("--port=0").stdout(Stdio::piped()).spawn();
+    let mut chromedriver = started.unwrap_or_else(|error| panic!("{error}; {MISSING}"));
+    let mut lines = BufReader::new(chromedriver.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let Some(port) = lines.find_map(|line| Some(line.split_once("successfully on port ")?.1.to_owned())) else {
+        chromedriver.wait().unwrap();
+        return None;
+    };
+    // Someone must go on reading, or it would block on a full pipe.
+    std::thread::spawn(move || lines.for_each(drop));
+    Some((chromedriver, port.trim_end_matches('.').parse().unwrap()))
+}
+
 impl Browser {
     pub(crate) async fn start() -> Self {
         Self::with(&[]).await
@@ -30,16 +47,9 @@ impl Browser {
 
     /// With more arguments.
     pub(crate) async fn with(arguments: &[String]) -> Self {
-        let mut chromedriver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap_or_else(|error| panic!("{error}; {MISSING}"));
-        let mut lines = BufReader::new(chromedriver.stdout.take().unwrap()).lines().map_while(Result::ok);
-        let started = lines.find_map(|line| line.split_once("successfully on port ").map(|(_, port)| port.to_owned()));
-        let port: u16 = started.unwrap_or_else(|| panic!("{MISSING}")).trim_end_matches('.').parse().unwrap();
-        // Someone must go on reading, or it would block on a full pipe.
-        std::thread::spawn(move || lines.for_each(drop));
+        // It takes a free port of IPv4, and gives up where that of IPv6 is in use.
+        let started = (0..ATTEMPTS).find_map(|_| start_chromedriver());
+        let (chromedriver, port) = started.unwrap_or_else(|| panic!("{MISSING}"));
         let mut capabilities = DesiredCapabilities::chrome();
         let usual = [
             "--headless=new",
