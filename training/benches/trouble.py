@@ -32,7 +32,7 @@ def figures(split: Path, meshes: Path, objects: list[str], kept: Path) -> list[d
 
 
 def cells(views: list[dict]) -> tuple[str, ...]:
-    """Right of all; the same, or one of the alternatives is; `ok` but wrong of the `ok` ones and of all answers; right
+    """Right of all; the same, or one of the alternatives is; `ok` but wrong, of all answers and of the `ok` ones; right
     ones that are `ok`: in percent."""
     answers = [view for view in views if view["status"]]
     ok = [view for view in answers if view["status"] == "ok"]
@@ -40,15 +40,15 @@ def cells(views: list[dict]) -> tuple[str, ...]:
     wrong = sum(not view["right"] for view in ok)
     return (
         percent(len(right), len(views)),
-        percent(sum(view["right"] or view["right_alternative"] for view in views), len(views)),
-        f"{percent(wrong, len(ok))} ({wrong} of {len(ok)})",
-        percent(wrong, len(answers)),
+        percent(sum(view["right"] or view.get("right_alternative", False) for view in views), len(views)),
+        percent(wrong, len(answers), 1),
+        f"{percent(wrong, len(ok))} ({wrong}/{len(ok)})",
         percent(sum(view["status"] == "ok" for view in right), len(right)),
     )
 
 
-def percent(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.1f}" if whole else "-"
+def percent(part: int, whole: int, digits: int = 0) -> str:
+    return f"{100 * part / whole:.{digits}f}" if whole else "-"
 
 
 def main() -> None:
@@ -60,27 +60,26 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     head = (
-        "trouble",
-        "strength",
+        "trouble, from mild to strong",
         "right",
         "or an alternative",
-        "`ok` but wrong, of `ok`",
-        "of answers",
+        "`ok` but wrong",
+        "of the `ok`",
         "right that are `ok`",
     )
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
     plain = figures(arguments.split, arguments.meshes, arguments.objects, arguments.out / "none.json")
-    print(f"| none | | {' | '.join(cells(plain))} |")
+    print(f"| none | {' | '.join(cells(plain))} |")
     for trouble in TROUBLES:
+        of_strength = []
         for strength in range(1, STRENGTHS + 1):
             copy = arguments.out / f"{trouble}-{strength}"
             if not copy.exists():
                 command = [".venv/bin/posed-train", "corrupt", arguments.split, copy]
-                subprocess.run(
-                    [*command, "--trouble", trouble, "--strength", str(strength)], check=True, stdout=subprocess.DEVNULL
-                )
-            views = figures(copy, arguments.meshes, arguments.objects, copy.with_suffix(".json"))
-            print(f"| {trouble} | {strength} | {' | '.join(cells(views))} |", flush=True)
+                command += ["--trouble", trouble, "--strength", str(strength)]
+                subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            of_strength.append(cells(figures(copy, arguments.meshes, arguments.objects, copy.with_suffix(".json"))))
+        print(f"| {trouble} | {' | '.join(', '.join(column) for column in zip(*of_strength))} |", flush=True)
 
 
 if __name__ == "__main__":
