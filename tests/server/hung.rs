@@ -3,8 +3,11 @@
 use std::path::Path;
 
 use reqwest::{Client, StatusCode};
-use serde_json::Value;
+use serde_json::{Value, json as value};
 
+use crate::bundle::{Bundle, sha256};
+use crate::objects::{Folders, put};
+use crate::recalibration;
 use crate::support::{CAMERA, Server, copy_of, error, json, png, posed, post, read, samples};
 
 #[tokio::test]
@@ -38,30 +41,54 @@ async fn a_network_that_hangs_is_named_and_nobody_waits_for_it() {
     server.until_counted("posed_worker_timeouts_total 1").await;
 }
 
-/// Appends a loop to the cube's net that does not end for dark crops.
+/// A change that hangs is given up, and keeps nobody from another one.
+#[tokio::test]
+async fn an_object_whose_network_never_ends_stops_nobody_else() {
+    let folders = Folders::without_cube();
+    let limits = ["--timeout-ms", "4000", "--max-timeout-ms", "4000", "--worker-timeout-ms", "2000"];
+    let server = folders.serve(&[&["--object-changes", "--recalibration"], &limits[..]].concat());
+    let mut bundle = Bundle::of("cube").without(&["parity", "reference"]);
+    let network = hanging(&bundle.files["keypoints.onnx"], f32::MAX);
+    bundle.change("object.json", |json| json["model_sha256"] = sha256(&network).into());
+    bundle.add("keypoints.onnx", network);
+    let given_up = put(&server, "cube", bundle.tar()).await;
+    assert_eq!(given_up.status(), StatusCode::GATEWAY_TIMEOUT);
+    let image = read(&samples()[0].file);
+    let answer = json(post(&server, CAMERA, image.clone()).await).await;
+    let known = answer["poses"].as_array().unwrap().iter().find(|pose| pose["status"] == "ok").unwrap();
+    let request = value!({"references": [{"camera": "demo", "camera_from_object": recalibration::stated(known)}]});
+    let measured = recalibration::put(&server, known["object"].as_str().unwrap(), &[image], &request).await;
+    assert_eq!(measured.status(), StatusCode::OK);
+}
+
+/// The cube's net does not end for dark crops.
 fn make_it_hang(models: &Path, references: &Path) {
-    use sha2::{Digest as _, Sha256};
     let path = models.join("cube/keypoints.onnx");
-    let mut network = std::fs::read(&path).unwrap();
+    let network = hanging(&std::fs::read(&path).unwrap(), 60.0);
+    std::fs::write(&path, &network).unwrap();
+    for (file, field) in
+        [(models.join("cube/object.json"), "model_sha256"), (references.join("cube.json"), "keypoint_model_sha256")]
+    {
+        let mut json: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+        json[field] = sha256(&network).into();
+        std::fs::write(file, json.to_string()).unwrap();
+    }
+}
+
+/// A keypoint net with a loop that does not end for crops that are darker in the mean, 0 to 255.
+fn hanging(network: &[u8], darker_than: f32) -> Vec<u8> {
+    let mut network = network.to_vec();
     // The output of the last node gets another name, of the same length.
     let output = |name: &[u8; 9]| [b"\x12\x09", &name[..]].concat();
     let at = network.windows(11).position(|window| window == output(b"keypoints")).unwrap();
     network[at..at + 11].copy_from_slice(&output(b"kp_before"));
     // Of two graphs in one message, the second continues the first.
-    network.extend(bytes(7, &endless_loop()));
-    std::fs::write(&path, &network).unwrap();
-    let hash = Sha256::digest(&network).iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"));
-    for (file, field) in
-        [(models.join("cube/object.json"), "model_sha256"), (references.join("cube.json"), "keypoint_model_sha256")]
-    {
-        let mut json: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
-        json[field] = hash.clone().into();
-        std::fs::write(file, json.to_string()).unwrap();
-    }
+    network.extend(bytes(7, &endless_loop(darker_than)));
+    network
 }
 
 /// Nodes and constants of an ONNX graph: `keypoints` is `kp_before`, after no turns of a loop or endlessly many.
-fn endless_loop() -> Vec<u8> {
+fn endless_loop(darker_than: f32) -> Vec<u8> {
     const FLOAT: u64 = 1;
     const INT64: u64 = 7;
     const BOOL: u64 = 9;
@@ -86,7 +113,7 @@ fn endless_loop() -> Vec<u8> {
         node("Loop", &["hang_turns", "hang_yes", "kp_before"], "keypoints", &body),
     ];
     let constants = [
-        constant("hang_limit", FLOAT, &60_f32.to_le_bytes()),
+        constant("hang_limit", FLOAT, &darker_than.to_le_bytes()),
         constant("one", FLOAT, &1_f32.to_le_bytes()),
         constant("hang_many", INT64, &(1_u64 << 62).to_le_bytes()),
         constant("hang_once", INT64, &1_u64.to_le_bytes()),

@@ -11,7 +11,7 @@ use serde_json::{Value, json as value};
 
 use crate::support::{CAMERA, Server, change, copy_of, error, json, post, read, refuses_to_serve, samples, two_cubes};
 
-async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
+pub(crate) async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
     let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image");
     let form = images.iter().fold(Form::new(), |form, bytes| form.part("image", image(bytes)));
     let form = form.text("request", request.to_string());
@@ -24,7 +24,7 @@ async fn cube(server: &Server) -> Value {
 }
 
 /// An answered pose as a request states it.
-fn stated(answer: &Value) -> Value {
+pub(crate) fn stated(answer: &Value) -> Value {
     let pose = &answer["camera_from_object"];
     value!({"rotation_xyzw": pose["rotation_xyzw"], "translation_m": pose["translation_m"]})
 }
