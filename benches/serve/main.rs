@@ -186,7 +186,11 @@ impl Report {
         line(&mut text, "ratio", format!("**{:.3}**", median(&ratios)));
         line(&mut text, "bare loop, ms an image", format!("{bare:.2}"));
         line(&mut text, "one client, ms an image", format!("{alone:.2}"));
-        line(&mut text, "one client beside a bare loop, which takes objects one after the other, ms", format!("**{:.2}**", median(&rest)));
+        line(
+            &mut text,
+            "one client beside a bare loop, which takes objects one after the other, ms",
+            format!("**{:.2}**", median(&rest)),
+        );
         for stage in ["decode", "detect", "keypoints", "pnp", "queue"] {
             let times: Vec<f64> = self.stages.iter().map(|timings| timings[stage].as_f64().unwrap()).collect();
             line(&mut text, &format!("stage `{stage}`, ms"), format!("{:.2}", median(&times)));
