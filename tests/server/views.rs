@@ -147,6 +147,15 @@ async fn cameras_far_from_where_they_stood_make_nothing_ok() {
         assert!(error < 0.06, "{object}");
         assert!(object["reasons"].as_array().unwrap().contains(&value!("views_disagree")), "{object}");
     }
+    // A camera need not state its size for that.
+    let pinhole = value!({"model": "pinhole", "fx": 600, "fy": 600, "cx": 319.5, "cy": 239.5});
+    let mut unsized_views = views(&poses);
+    for view in unsized_views["views"].as_array_mut().unwrap() {
+        view["camera"] = pinhole.clone();
+    }
+    let unsized_answer = answer(&server, &images, &unsized_views).await;
+    assert_eq!(ok(&unsized_answer).len(), ok(&outnumbered).len(), "{unsized_answer}");
+    assert!(ok(&unsized_answer).iter().all(|object| object["views"].as_array().unwrap().len() > 1));
     // Two that were exchanged, and quaternions in another order: nobody knows which is right.
     let exchanged = vec![scene_cameras()[1].clone(), scene_cameras()[0].clone()];
     let wxyz = |pose: &Value| {

@@ -46,9 +46,6 @@ fn is_in_sight(fused: &FusedPose, other: &Instance<'_>) -> bool {
 
 fn shows(seen: &Seen<'_>, world_point: &Vector3<f64>) -> bool {
     let in_camera = seen.camera.world_from_camera.inverse().transform(world_point);
-    let (Ok(pixel), Some((width, height))) = (seen.optics.project(&in_camera), seen.optics.size()) else {
-        return false;
-    };
     let within = |value: f64, side: u32| (RIM..1.0 - RIM).contains(&(value / f64::from(side)));
-    within(pixel.x, width) && within(pixel.y, height)
+    seen.optics.project(&in_camera).is_ok_and(|pixel| within(pixel.x, seen.size.0) && within(pixel.y, seen.size.1))
 }

@@ -68,8 +68,9 @@ fn seen<'a>(
     let views = cameras.iter().zip(estimates).enumerate().filter(|(_, (_, estimate))| has_model(estimate));
     let of_view = |(view, (camera, estimate)): (usize, (&'a PosedCamera, &&'a Estimate))| {
         let estimate: &'a Estimate = estimate;
+        let size = (estimate.width, estimate.height);
         let of_object = estimate.poses.iter().enumerate().filter(move |(_, found)| found.detection.object == object);
-        of_object.map(move |(place, found)| Seen { view, place, found, camera, optics: &estimate.camera })
+        of_object.map(move |(place, found)| Seen { view, place, found, camera, optics: &estimate.camera, size })
     };
     views.flat_map(of_view).collect()
 }

@@ -30,6 +30,8 @@ pub(super) struct Seen<'a> {
     pub found: &'a ObjectPose,
     pub camera: &'a PosedCamera,
     pub optics: &'a Camera,
+    /// Of the image, pixels: a camera need not state it.
+    pub size: (u32, u32),
 }
 
 /// Poses in several views that are of one object.
