@@ -22,8 +22,8 @@ pub(super) struct Component {
     pub blocks: usize,
     /// Of a progressive picture: for each block, which of its coefficients are known not to be zero.
     pub nonzero: Vec<u64>,
-    /// Whether its first coefficients, of a sequential picture all of them, were read.
-    pub seen: bool,
+    /// Of each coefficient, in zigzag order, how many bits are still to come.
+    pub missing_bits: [u8; 64],
 }
 
 /// A picture has one component, three or four.
@@ -64,7 +64,7 @@ impl Frame {
                 down: *down,
                 blocks,
                 nonzero,
-                seen: false,
+                missing_bits: [u8::MAX; 64],
             }
         });
         let components = components.collect();
@@ -87,7 +87,7 @@ impl Frame {
     }
 
     pub(super) fn is_complete(&self) -> bool {
-        self.components.iter().all(|component| component.seen)
+        self.components.iter().all(|component| component.missing_bits == [0; 64])
     }
 
     /// Whether components are stored with fewer pixels than others.

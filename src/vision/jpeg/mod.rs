@@ -93,8 +93,8 @@ fn check(bytes: &[u8]) -> Result<Whole, Fault> {
 const END_OF_IMAGE: u8 = 0xD9;
 const DEFINE_TABLES: u8 = 0xC4;
 
-/// Cameras leave a few bytes between a scan and the next marker; more than this are part of a picture.
-const MAX_STRAY_BYTES: usize = 16;
+/// Cameras leave a few zeros between a scan and the next marker; more, or other bytes, are part of a picture.
+const MAX_STRAY_ZEROS: usize = 16;
 
 struct Segments<'a> {
     bytes: &'a [u8],
@@ -113,7 +113,7 @@ impl<'a> Segments<'a> {
                 }
                 // As many of these as one likes may stand before a marker.
                 [0xFF, 0xFF, ..] => self.position += 1,
-                [_, _, ..] if stray < MAX_STRAY_BYTES => self.position += 1,
+                [0, _, ..] if stray < MAX_STRAY_ZEROS => self.position += 1,
                 [_, _, ..] => return Err("more bytes follow than its size asks for: some were lost or changed".into()),
                 [] | [_] => return Err(Fault::Ends),
             }
@@ -153,9 +153,21 @@ mod tests {
     fn a_few_bytes_before_the_end_marker_are_a_cameras_habit() {
         let whole = sample();
         let end = whole.len() - 2;
-        for (stray, passes) in [(4, true), (400, false)] {
-            let bytes = [&whole[..end], &vec![0; stray], &whole[end..]].concat();
-            assert_eq!(check(&bytes).is_ok(), passes, "{stray}");
+        for (stray, passes) in [(vec![0; 4], true), (vec![0; 400], false), (vec![0x5A; 4], false)] {
+            let bytes = [&whole[..end], &stray, &whole[end..]].concat();
+            assert_eq!(check(&bytes).is_ok(), passes, "{stray:?}");
+        }
+    }
+
+    /// Nothing in such a file is damaged: its last scans, which hold the fine detail, are simply not there.
+    #[test]
+    fn a_progressive_picture_without_its_last_scans_is_not_whole() {
+        let whole = std::fs::read("tests/data/encodings/progressive.jpg").unwrap();
+        assert!(check(&whole).is_ok());
+        let scans: Vec<usize> =
+            whole.windows(2).enumerate().filter(|(_, two)| *two == [0xFF, 0xDA]).map(|(at, _)| at).collect();
+        for at in &scans[1..] {
+            assert!(check(&[&whole[..*at], &[0xFF, 0xD9]].concat()).is_err(), "cut at {at}");
         }
     }
 

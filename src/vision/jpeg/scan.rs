@@ -12,6 +12,8 @@ pub(super) struct Scan {
     last: u8,
     /// Whether it adds a bit to coefficients of earlier scans.
     refines: bool,
+    /// How many bits of its coefficients later scans add.
+    missing_bits: u8,
 }
 
 /// A component of the frame and its tables.
@@ -45,13 +47,13 @@ impl Scan {
                             them interleaved, as encoders do by default"
                     .into());
             }
-            return Ok(Self { parts, first: 0, last: 63, refines: false });
+            return Ok(Self { parts, first: 0, last: 63, refines: false, missing_bits: 0 });
         }
         let possible = first <= last && last <= 63 && (first == 0) == (last == 0) && (first == 0 || count == 1);
         if !possible {
             return Err(format!("a scan is about coefficients {first} to {last} of {count} components").into());
         }
-        Ok(Self { parts, first, last, refines: approximation >> 4 > 0 })
+        Ok(Self { parts, first, last, refines: approximation >> 4 > 0, missing_bits: approximation & 15 })
     }
 
     /// Reads its data, which start at this position, and says where they end.
@@ -94,10 +96,9 @@ impl Scan {
             }
         }
         reader.finish_interval()?;
-        if self.first == 0 {
-            for part in &self.parts {
-                frame.components[part.component].seen = true;
-            }
+        for part in &self.parts {
+            let missing = &mut frame.components[part.component].missing_bits;
+            missing[usize::from(self.first)..=usize::from(self.last)].fill(self.missing_bits);
         }
         Ok(reader.bits.end())
     }
