@@ -17,8 +17,7 @@ packages=$($environment/bin/python -c 'import sysconfig; print(sysconfig.get_pat
 libraries=$(find "$packages/nvidia" "$packages/tensorrt_libs" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
 
 make --silent target/baseline/models
-export ORT_TENSORRT_FP16_ENABLE=1 ORT_TENSORRT_ENGINE_CACHE_ENABLE=1 ORT_TENSORRT_CACHE_PATH=target/gpu/engines
-mkdir -p $ORT_TENSORRT_CACHE_PATH
+export XDG_CACHE_HOME=$PWD/target/gpu/cache # of the engines
 ORT_DYLIB_PATH=$(echo "$packages"/onnxruntime/capi/libonnxruntime.so.*) \
 	LD_LIBRARY_PATH="$libraries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}" \
 	POSED_BASELINE=target/baseline/models POSED_BENCH_OUT="${1:-target/gpu/networks.md}" \

@@ -15,6 +15,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use posed::model::{ProviderSetting, Runtime, available_cores};
+use posed::server::Config;
 use serde_json::Value;
 
 use bare::{BareLoop, boxes_by_object, defaults, rate, runtime};
@@ -52,9 +53,9 @@ async fn measure() {
 
     let runtime = runtime();
     let boxes = boxes_by_object(&answer);
-    let workers = defaults().workers();
+    let defaults = defaults(&runtime);
     let one = |_| BareLoop::new(&runtime, Path::new("models"), &boxes);
-    let mut bare: Vec<BareLoop> = (0..workers).map(one).collect();
+    let mut bare: Vec<BareLoop> = (0..defaults.workers()).map(one).collect();
     let mut baseline = Baseline::of(&runtime, &boxes);
     let (mut bare_ms, mut alone_ms, mut stages) = (Vec::new(), Vec::new(), Vec::new());
     let (mut bare_rates, mut rates) = (Vec::new(), Vec::new());
@@ -77,6 +78,7 @@ async fn measure() {
     let capacity = median(&rates);
     let over = overload(&server, &image, 2.0 * capacity, OVERLOAD).await;
     let report = Report {
+        defaults,
         starts,
         idle,
         rss_start,
@@ -145,6 +147,7 @@ impl Baseline {
 }
 
 struct Report {
+    defaults: Config,
     starts: Vec<f64>,
     idle: f64,
     rss_start: f64,
@@ -176,8 +179,8 @@ impl Report {
              sessions on the same shapes with the same threads, and does nothing else.\n\n| | |\n|---|---|",
             std::thread::available_parallelism().map_or(0, usize::from),
             std::fs::metadata(SAMPLE).unwrap().len() / 1000,
-            defaults().workers(),
-            defaults().threads(),
+            self.defaults.workers(),
+            self.defaults.threads(),
             ROUND.as_secs_f64()
         )
         .unwrap();

@@ -5,19 +5,21 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use clap::{Args as _, FromArgMatches as _};
-use posed::model::{Input, Library, Networks, ProviderSetting, Runtime};
+use posed::model::{Backend as _, Input, Library, Networks, ProviderSetting, Runtime};
 use posed::server::Config;
 use serde_json::Value;
 
 /// ONNX Runtime as the server loads it by default. A process loads it once.
 pub fn runtime() -> Runtime {
-    Runtime::load(ProviderSetting::Auto, defaults().threads()).unwrap()
+    let runtime = Runtime::load(ProviderSetting::Auto, 1).unwrap();
+    let threads = defaults(&runtime).threads();
+    runtime.with_threads(threads)
 }
 
 /// The settings of a server that was given none.
-pub fn defaults() -> Config {
+pub fn defaults(runtime: &Runtime) -> Config {
     let command = Config::augment_args(clap::Command::new("posed"));
-    Config::from_arg_matches(&command.get_matches_from(["posed"])).unwrap()
+    Config::from_arg_matches(&command.get_matches_from(["posed"])).unwrap().settled(runtime.provider())
 }
 
 /// Images per second of several loops at once, as many as the server has workers.

@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use ort::ep::{self, ArbitrarilyConfigurableExecutionProvider, ExecutionProviderDispatch};
@@ -35,13 +35,6 @@ const OPENVINO_LIBRARY: &str = "libonnxruntime_providers_openvino.so";
 const OPENVINO_SETTINGS: &str = r#"{"CPU": {"INFERENCE_PRECISION_HINT": "f32", "ENABLE_CPU_PINNING": "NO"}}"#;
 
 impl ProviderSetting {
-    /// Whether several workers of one thread each are faster than one of several: two threads of OpenVINO wait for each
-    /// other in a loop.
-    #[must_use]
-    pub fn prefers_workers(self) -> bool {
-        cfg!(target_arch = "x86_64") && matches!(self, Self::Auto | Self::Openvino)
-    }
-
     /// The provider for this machine. `library` is ONNX Runtime's.
     ///
     /// # Errors
@@ -67,6 +60,13 @@ fn openvino_problem(library: &Path) -> Option<String> {
         .then(|| format!("{} is missing; run `make onnxruntime`, or use --provider cpu", plugin.display()))
 }
 
+/// As the XDG Base Directory Specification has it.
+fn cache_folder() -> PathBuf {
+    let stated = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).filter(|path| path.is_absolute());
+    let at_home = || std::env::home_dir().unwrap_or_else(std::env::temp_dir).join(".cache");
+    stated.unwrap_or_else(at_home).join("posed")
+}
+
 #[cfg(target_arch = "x86_64")]
 fn has_avx2() -> bool {
     std::arch::is_x86_feature_detected!("avx2")
@@ -84,12 +84,24 @@ impl Provider {
         match self {
             Self::Cpu => Vec::new(),
             Self::Cuda => vec![ep::CUDA::default().build().error_on_failure()],
-            Self::Tensorrt => vec![ep::TensorRT::default().build().error_on_failure()],
+            Self::Tensorrt => {
+                // What it builds of a network takes minutes, and is kept.
+                let engines = cache_folder().join("tensorrt").display().to_string();
+                let cached = ep::TensorRT::default().with_engine_cache(true).with_engine_cache_path(engines);
+                vec![cached.with_fp16(true).build().error_on_failure()]
+            }
             Self::Openvino => {
                 let openvino = ep::OpenVINO::default().with_device_type("CPU").with_num_threads(threads);
                 vec![openvino.with_arbitrary_config("load_config", OPENVINO_SETTINGS).build().error_on_failure()]
             }
         }
+    }
+
+    /// Whether several workers of one thread each are faster than one of several: two threads of OpenVINO wait for each
+    /// other in a loop.
+    #[must_use]
+    pub fn prefers_workers(self) -> bool {
+        self == Self::Openvino
     }
 
     /// Whether networks run faster with the size of their batches fixed. OpenVINO takes half as long again without

@@ -26,6 +26,9 @@ pub fn available_cores() -> usize {
 
 const LIBRARY: &str = "libonnxruntime.so";
 
+/// A network of one `Relu`: what cannot run that runs nothing.
+const PROBE: &[u8] = include_bytes!("probe.onnx");
+
 impl Runtime {
     /// Loads ONNX Runtime from `ORT_DYLIB_PATH`, else beside the executable, else from `.onnxruntime/` of the working
     /// directory. Each network runs on `threads` threads of its own.
@@ -42,7 +45,13 @@ impl Runtime {
             .with_telemetry(false)
             .build()
             .map_err(|error| unusable(error.to_string()))?;
-        Ok(Self { environment, library: path, provider, falls_back, threads })
+        Ok(Self { environment, library: path, provider, falls_back, threads }.or_cpu())
+    }
+
+    /// The same with other threads for each network.
+    #[must_use]
+    pub fn with_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
     }
 
     /// The same library with another provider or other threads: a process loads it once.
@@ -53,7 +62,25 @@ impl Runtime {
         let falls_back = provider == ProviderSetting::Auto;
         let provider = provider.resolve(&self.library).map_err(RuntimeError::Provider)?;
         let (environment, library) = (self.environment.clone(), self.library.clone());
-        Ok(Self { environment, library, provider, falls_back, threads })
+        Ok(Self { environment, library, provider, falls_back, threads }.or_cpu())
+    }
+
+    /// The CPU provider where a chosen one is installed and runs nothing, since a part of it is missing, say. A stated one
+    /// stays, and fails with the first network.
+    fn or_cpu(self) -> Self {
+        if !self.falls_back || self.provider == Provider::Cpu {
+            return self;
+        }
+        match self.session(self.provider, PROBE, None) {
+            Ok(_) => self,
+            Err(error) => {
+                tracing::warn!(
+                    "{} is installed, but cannot run; all networks run on the CPU provider: {error}",
+                    self.provider
+                );
+                Self { provider: Provider::Cpu, ..self }
+            }
+        }
     }
 
     fn session(&self, provider: Provider, bytes: &[u8], fixed: Option<(&str, usize)>) -> ort::Result<Session> {

@@ -10,7 +10,7 @@ use clap::{ArgAction, Args, ValueEnum};
 use thiserror::Error;
 
 use crate::estimator::{QueueConfig, Room};
-use crate::model::{ProviderSetting, Trust, available_cores};
+use crate::model::{Provider, ProviderSetting, Trust, available_cores};
 use crate::vision::{DecodeOptions, OrientationPolicy};
 
 const LISTEN: &str = "Where to listen";
@@ -240,18 +240,25 @@ impl Config {
         Ok(())
     }
 
-    /// Workers: as set, or those that are fastest (docs/design.md).
+    /// With the workers and threads that are fastest on this provider (docs/design.md), where none are set.
     #[must_use]
-    pub fn workers(&self) -> usize {
-        let cores = if self.provider.prefers_workers() { available_cores() } else { 1 };
-        self.workers.unwrap_or_else(|| cores.min(MOST_WORKERS))
+    pub fn settled(&self, provider: Provider) -> Self {
+        let many = provider.prefers_workers();
+        let workers = self.workers.unwrap_or_else(|| if many { available_cores().min(MOST_WORKERS) } else { 1 });
+        let threads = self.threads.unwrap_or_else(|| if many { 1 } else { (available_cores() / workers).max(1) });
+        Self { workers: Some(workers), threads: Some(threads), ..self.clone() }
     }
 
-    /// Threads for each network: as set, or the cores (of the container, if it has a quota) shared among the workers.
+    /// As set or settled.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        self.workers.unwrap_or(1)
+    }
+
+    /// For each network, as set or settled.
     #[must_use]
     pub fn threads(&self) -> usize {
-        let share = if self.provider.prefers_workers() { 1 } else { available_cores() / self.workers() };
-        self.threads.unwrap_or_else(|| share.max(1))
+        self.threads.unwrap_or(1)
     }
 
     pub(super) fn queue(&self) -> QueueConfig {

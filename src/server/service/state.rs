@@ -85,9 +85,10 @@ impl Service {
             references.check_writable().map_err(LoadError::from)?;
         }
         tell_what_is_served(&library, &references);
-        let runtime = Runtime::load(config.provider, config.threads()).map_err(LoadError::from)?;
-        let runtime = Arc::new(runtime);
+        let runtime = Runtime::load(config.provider, 1).map_err(LoadError::from)?;
         let provider = runtime.provider();
+        let config = &config.settled(provider);
+        let runtime = Arc::new(runtime.with_threads(config.threads()));
         tracing::info!("provider: {provider}; workers: {}, of {} threads each", config.workers(), config.threads());
         let working_bytes = Estimator::working_bytes(&library, config.max_batch) * config.workers() as u64;
         let current = Arc::new(Current::new(Arc::new(Catalogue { library, references })));
