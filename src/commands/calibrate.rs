@@ -11,9 +11,10 @@ use super::clicks;
 use super::dataset::DatasetArgs;
 use super::known::{Known, beside};
 use super::models::ModelArgs;
+use super::output::say;
 use crate::estimator::{
     CalibrateOptions, KeypointPrediction, KeypointSolver, LocatedView, MeasuredView, calibrate, fit_keypoints_scale,
-    no_view_twice,
+    fit_to_measure, no_view_twice,
 };
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
@@ -129,7 +130,7 @@ impl Calibrate {
         print(&reference);
         self.tell_scale(scale)?;
         References::write(&self.models.reference, &reference, &files)?;
-        println!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
+        say!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
         Ok(())
     }
 
@@ -170,7 +171,7 @@ impl Calibrate {
             (true, false) => "differs from 1 by more than 3 sigma; add --fit-scale to store it",
             (false, false) => "1 within 3 sigma",
         };
-        println!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma);
+        say!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma);
         Ok(())
     }
 
@@ -205,27 +206,28 @@ fn encoded(path: &Path) -> Result<(Vec<u8>, String), Box<dyn Error>> {
 fn locate(solver: &mut KeypointSolver<'_>, known: &Known, bytes: &[u8]) -> Result<LocatedView, Box<dyn Error>> {
     let image = decode(&Image::Encoded(bytes.to_vec().into()), &DecodeOptions::default())?.image;
     let camera = known.camera.for_image(image.width(), image.height())?;
+    fit_to_measure(&image, &camera)?;
     let prediction = solver.locate(&image, &known.region)?;
     let camera = camera.with_size(image.width(), image.height())?;
     Ok(LocatedView { camera, camera_from_object: known.camera_from_object, prediction })
 }
 
 fn print(reference: &Reference) {
-    println!("{:<20} {:>6} {:>13} {:>14}", "reference", "inlier", "rotation, deg", "translation, mm");
+    say!("{:<20} {:>6} {:>13} {:>14}", "reference", "inlier", "rotation, deg", "translation, mm");
     for view in &reference.views {
-        println!("{:<20} {:>6} {:>13.2} {:>14.1}", view.image, view.inlier, view.residual_deg, view.residual_mm);
+        say!("{:<20} {:>6} {:>13.2} {:>14.1}", view.image, view.inlier, view.residual_deg, view.residual_mm);
     }
     let inliers: Vec<_> = reference.views.iter().filter(|view| view.inlier).collect();
     if inliers.len() > 1 {
         let rms = |squares: f64| (squares / inliers.len() as f64).sqrt();
-        println!(
+        say!(
             "spread (RMS of the inliers): {:.2} deg, {:.1} mm",
             rms(inliers.iter().map(|view| view.residual_deg.powi(2)).sum()),
             rms(inliers.iter().map(|view| view.residual_mm.powi(2)).sum()),
         );
     }
     let (translation_m, rotation_rad) = reference.offset.sigmas();
-    println!("offset known to {:.1} mm and {:.2} deg (1 sigma)", 1e3 * translation_m, rotation_rad.to_degrees());
+    say!("offset known to {:.1} mm and {:.2} deg (1 sigma)", 1e3 * translation_m, rotation_rad.to_degrees());
     print_weak_axis(&reference.offset);
 }
 
@@ -236,10 +238,13 @@ fn print_weak_axis(offset: &Offset) {
     let (weakest, best) = (sigmas.imax(), sigmas.min());
     if sigmas[weakest] > WEAK_AXIS * best {
         let axis = eigen.eigenvectors.column(weakest);
-        println!(
+        say!(
             "least certain along ({:.2}, {:.2}, {:.2}) of the object's frame: {:.1} mm, {best:.1} mm along the best axis; \
              add a view from the side, across that direction",
-            axis[0], axis[1], axis[2], sigmas[weakest]
+            axis[0],
+            axis[1],
+            axis[2],
+            sigmas[weakest]
         );
     }
 }

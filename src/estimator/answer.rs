@@ -65,6 +65,11 @@ pub enum MeasureError {
     )]
     FewInliers { agreeing: usize, keypoints: usize },
     #[error(
+        "nothing can be measured in this image ({reasons}); choose a colour image that is as bright as those to come, with the \
+         parameters of its camera"
+    )]
+    Unfit { reasons: String },
+    #[error(
         "the pose in this image is doubtful ({reasons}); choose an image that shows the object larger and unoccluded"
     )]
     Doubtful { reasons: String },

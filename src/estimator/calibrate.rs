@@ -14,9 +14,12 @@ const MIN_INLIERS: usize = 5;
 /// Nor one whose rotation is looser than this: two modes that have merged look so.
 const MAX_SIGMA_ROTATION_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
+/// Boxes in one image that overlap by more show the same object (intersection over union).
+const SAME_BOX: f64 = 0.5;
+
 /// What one reference image gives.
 pub struct MeasuredView {
-    /// File name of the image beside the reference.
+    /// File name of the image beside the reference: one for each content.
     pub file: String,
     pub camera: Camera,
     pub camera_from_object: Pose,
@@ -80,6 +83,7 @@ pub fn calibrate(
     if let Some((view, _)) = agreeing.filter(|_| !far_origin) {
         meant((view, &averaged.offset))?;
     }
+    no_image_twice(&views)?;
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
         image: view.file,
@@ -97,6 +101,17 @@ pub fn calibrate(
         views: views.collect(),
         offset: averaged.offset,
     })
+}
+
+/// Whatever poses are stated for it: several copies of an object in one image have boxes of their own.
+fn no_image_twice(views: &[MeasuredView]) -> Result<(), StatedPoseError> {
+    for (index, view) in views.iter().enumerate() {
+        let same = |other: &&MeasuredView| other.file == view.file && other.region.overlap(&view.region) > SAME_BOX;
+        if views[..index].iter().any(|other| same(&other)) {
+            return Err(StatedPoseError::SameImage { file: view.file.clone(), box_px: view.region.into() });
+        }
+    }
+    Ok(())
 }
 
 /// The offset that one reference image gives, where its object's pose is known.

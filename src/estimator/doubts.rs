@@ -3,6 +3,7 @@
 use image::RgbImage;
 use posed_core::geometry::Camera;
 
+use super::answer::MeasureError;
 use super::verdict::Reason;
 
 /// Every so manieth pixel of every so manieth row is looked at.
@@ -15,6 +16,8 @@ const BRIGHT: u8 = 32;
 const LEAST_COLOURED: f64 = 1e-3;
 /// An image with a smaller share of bright pixels shows next to nothing.
 const LEAST_BRIGHT: f64 = 0.01;
+/// Least focal length, as a share of the longer side: lenses without a fisheye model see at most 140 degrees.
+const LEAST_FOCAL: f64 = 0.18;
 /// Where in an image a lens has its axis, as a share of width or height: regions and wrong parameters have it elsewhere.
 const PRINCIPAL_POINT: std::ops::RangeInclusive<f64> = 0.1..=0.9;
 
@@ -23,12 +26,23 @@ pub(super) fn of_image(image: &RgbImage, camera: &Camera) -> impl Iterator<Item 
     let (coloured, bright) = shares(image);
     let size = [image.width(), image.height()].map(f64::from);
     let centred = camera.principal_point().iter().zip(size).all(|(c, side)| PRINCIPAL_POINT.contains(&(c / side)));
+    let longer = size[0].max(size[1]);
+    let possible = camera.is_fisheye() || camera.focal().min() >= LEAST_FOCAL * longer;
     let doubts = [
         (bright < LEAST_BRIGHT, Reason::DarkImage),
         (coloured < LEAST_COLOURED, Reason::GreyImage),
-        (!centred, Reason::CameraSuspect),
+        (!centred || !possible, Reason::CameraSuspect),
     ];
     doubts.into_iter().filter_map(|(holds, reason)| holds.then_some(reason))
+}
+
+/// Whether a reference can be measured in an image: what rests on it inherits its faults.
+///
+/// # Errors
+/// [`MeasureError::Unfit`] says why not.
+pub fn fit_to_measure(image: &RgbImage, camera: &Camera) -> Result<(), MeasureError> {
+    let reasons: Vec<String> = of_image(image, camera).map(|reason| reason.to_string()).collect();
+    if reasons.is_empty() { Ok(()) } else { Err(MeasureError::Unfit { reasons: reasons.join(", ") }) }
 }
 
 /// The shares of pixels that have a colour, and that are bright.

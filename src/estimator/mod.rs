@@ -49,6 +49,7 @@ pub use answer::{
 pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
 pub use candidate::{CandidateError, load_candidate};
 pub use detect::MAX_DETECTIONS;
+pub use doubts::fit_to_measure;
 pub use expected::{Expected, Guide};
 pub use follow::{FollowOptions, Follower, Tracked};
 pub use frame::Frame;

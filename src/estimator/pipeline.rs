@@ -131,6 +131,7 @@ impl Estimator {
         let found = place.and_then(|place| Some((place, library.objects[place].as_ref()?)));
         let (index, model) = found.ok_or_else(|| MeasureError::UnknownObject(object.into()))?;
         let camera = &camera.for_image(image.width(), image.height()).map_err(EstimateError::from)?;
+        doubts::fit_to_measure(image, camera)?;
         let whole = BoundingBox { x: 0.0, y: 0.0, width: image.width().into(), height: image.height().into() };
         let region = match region {
             Some(region) if region.overlap(&whole) > 0.0 => region,

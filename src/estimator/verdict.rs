@@ -23,7 +23,8 @@ pub enum Reason {
     UncertainPose,
     /// The object would be nearer than it is large: the camera's parameters belong to another image.
     TooNear,
-    /// The principal point is far from the image's middle, as where the parameters belong to another image.
+    /// The principal point is far from the image's middle, or the focal length shorter than lenses have it: the camera's
+    /// parameters belong to another image, or are not in pixels.
     CameraSuspect,
     /// The image has no colours, and the networks learned from some.
     GreyImage,

@@ -72,6 +72,7 @@ fn calibrate_guesses_what_is_wrong_with_a_pose() {
         (vec![moved(1.0, [0.2, 0.0, 0.0])], "another object or image"),
         (vec![moved(-1.0, [0.0; 3])], "another object or image"),
         (vec![right, right], "same pose"),
+        (vec![right, moved(1.0, [2e-4, 0.0, 0.0])], "the same object in the same image"),
     ] {
         let message = explanation(&attempt(&poses, &[]));
         assert!(message.contains(words), "{words}: {message}");
@@ -81,7 +82,7 @@ fn calibrate_guesses_what_is_wrong_with_a_pose() {
     assert!(attempt(&[moved(1.0, [0.2, 0.0, 0.0])], &["--far-origin"]).status.success());
 }
 
-/// A scene of the same image several times; its objects' stated poses are shifted by these lengths (mm).
+/// A scene of the same picture in several files that differ; its objects' stated poses are shifted by these lengths (mm).
 fn scene_with_shifts(shifts: &[f64]) -> tempfile::TempDir {
     let folder = copy_of(SCENE);
     let change = |name: &str, edit: &dyn Fn(Value, f64) -> Value| {
@@ -103,7 +104,9 @@ fn scene_with_shifts(shifts: &[f64]) -> tempfile::TempDir {
     });
     for id in 1..shifts.len() {
         let rgb = folder.path().join("rgb");
-        fs::copy(rgb.join("000000.jpg"), rgb.join(format!("{id:06}.jpg"))).unwrap();
+        let mut bytes = fs::read(rgb.join("000000.jpg")).unwrap();
+        bytes.push(u8::try_from(id).unwrap());
+        fs::write(rgb.join(format!("{id:06}.jpg")), bytes).unwrap();
     }
     folder
 }

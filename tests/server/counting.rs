@@ -1,10 +1,15 @@
 //! Every request is counted once, with what became of it, and has a line in the log.
 
+use std::io::Write as _;
+use std::net::TcpStream;
+use std::time::Duration;
+
 use posed::proto::EstimateRequest;
 use posed::proto::estimate_request::Camera;
 use posed::proto::pose_service_client::PoseServiceClient;
 use reqwest::Client;
 use serde_json::Value;
+use socket2::SockRef;
 
 use crate::raw_grpc::RawClient;
 use crate::support::{CAMERA, Server, error, metrics, png, post, read, samples};
@@ -34,6 +39,30 @@ async fn callers_that_vanish_are_counted() {
     let all = text.lines().filter(|line| line.starts_with("posed_requests_total{"));
     let sum: u32 = all.map(|line| line.split_once("} ").unwrap().1.parse::<u32>().unwrap()).sum();
     assert_eq!(sum, 12, "{text}");
+}
+
+/// They leave half a body behind, whose end nobody will see.
+#[tokio::test]
+async fn callers_that_vanish_while_they_send_are_counted() {
+    let server = Server::start(&[]);
+    for linger in [None, Some(Duration::ZERO)] {
+        let stream = TcpStream::connect(server.http).unwrap();
+        let head = format!(
+            "POST /v1/poses?{CAMERA} HTTP/1.1\r\nHost: a\r\nContent-Type: image/jpeg\r\nContent-Length: 24000\r\n\r\n"
+        );
+        (&stream).write_all(&[head.as_bytes(), &[0; 1000]].concat()).unwrap();
+        std::thread::sleep(Duration::from_millis(200));
+        // Without lingering the end is a reset.
+        SockRef::from(&stream).set_linger(linger).unwrap();
+        drop(stream);
+    }
+    server.until_counted("posed_requests_total{protocol=\"http\",route=\"/v1/poses\",outcome=\"cancelled\"} 2").await;
+    let mut client = RawClient::connect(&server).await;
+    let mut call = client.call("Estimate", &[]).await;
+    // Of sixteen bytes.
+    call.upload.send_data(b"\0\0\0\0\x10half"[..].into(), true).unwrap();
+    assert_eq!(call.refused().await.0, "13");
+    server.until_counted("posed_requests_total{protocol=\"grpc\",route=\"Estimate\",outcome=\"cancelled\"} 1").await;
 }
 
 /// What goes into the queue comes out of it, also where the image is not the camera's.

@@ -131,6 +131,12 @@ async fn bad_forms_are_refused_by_name_and_the_next_good_one_works() {
         ("deep", with(&deep), bad, "the id of a registered camera"),
         ("no JSON", with("camera=demo"), bad, "'request'"),
         ("unknown field", with(r#"{"camera": "demo", "colour": "red"}"#), bad, "colour"),
+        (
+            "short box",
+            with(r#"{"camera": "demo", "boxes": [{"object": "cube", "box_px": [1, 2, 3]}]}"#),
+            bad,
+            "field 'boxes[0].box_px': invalid length 3",
+        ),
         ("no camera", with("{}"), bad, "no camera"),
         ("unknown camera", with(r#"{"camera": "left"}"#), StatusCode::NOT_FOUND, "known cameras: demo"),
         ("misspelt camera", with(&camera(&misspelt)), bad, "f_x"),

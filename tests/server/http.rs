@@ -144,7 +144,9 @@ async fn what_the_networks_never_saw_is_not_ok() {
         (CAMERA, image.to_luma8().into(), "grey_image"),
         (CAMERA, dark.into(), "dark_image"),
         // Those of a whole sensor for a region in its corner.
-        ("fx=600&fy=600&cx=20&cy=239.5", image, "camera_suspect"),
+        ("fx=600&fy=600&cx=20&cy=239.5", image.clone(), "camera_suspect"),
+        // Of a lens of 4.2 mm, in millimetres.
+        ("fx=4.2&fy=4.2&cx=319.5&cy=239.5", image, "camera_suspect"),
     ] {
         let answer = json(post(&server, query, png(&image)).await).await;
         let poses = answer["poses"].as_array().unwrap();

@@ -9,7 +9,9 @@ use reqwest::multipart::{Form, Part};
 use reqwest::{Client, Response, StatusCode};
 use serde_json::{Value, json as value};
 
-use crate::support::{CAMERA, Server, change, copy_of, error, json, post, read, refuses_to_serve, samples, two_cubes};
+use crate::support::{
+    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, two_cubes,
+};
 
 pub(crate) async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
     let image = |bytes: &Vec<u8>| Part::bytes(bytes.clone()).file_name("image");
@@ -105,6 +107,7 @@ async fn what_cannot_be_measured_changes_nothing() {
         value!({"references": [known]})
     };
     let image = read(&samples()[0].file);
+    let grey = png(&image::load_from_memory(&image).unwrap().to_luma8().into());
     let twice = value!({"references": [{"camera": "demo", "camera_from_object": pose}, {"camera": "demo", "camera_from_object": pose}]});
     let cases = [
         ("teapot", vec![image.clone()], known(&value!({})), StatusCode::NOT_FOUND, "known objects"),
@@ -140,6 +143,8 @@ async fn what_cannot_be_measured_changes_nothing() {
             StatusCode::UNPROCESSABLE_ENTITY,
             "larger and unoccluded",
         ),
+        // What rests on it would inherit its faults.
+        ("cube", vec![grey], known(&value!({})), StatusCode::UNPROCESSABLE_ENTITY, "(grey_image)"),
         ("cube", vec![two_cubes()], known(&value!({})), StatusCode::UNPROCESSABLE_ENTITY, "more than once"),
     ];
     for (object, images, request, status, words) in cases {

@@ -97,7 +97,7 @@ pub(super) async fn admit(State(admitting): State<Admitting>, request: Request, 
         }
     };
     let response = admitting.run(route, &call, request, next).instrument(span).await;
-    let said = || Status::from_header_map(response.headers()).map_or("ok", |status| outcome(status.code()));
+    let said = || Status::from_header_map(response.headers()).map_or("ok", |status| outcome(&status));
     match call.failure().map_or_else(said, FailureKind::name) {
         // Its frames are counted one by one.
         "ok" if route == Route::EstimateStream => pending.forget(),

@@ -10,6 +10,9 @@ use crate::server::service::{Failure, FailureKind};
 /// When to try again where there was no room.
 const RETRY_DELAY: Duration = Duration::from_secs(1);
 
+/// In the message of a status: the caller left within its request.
+const UNENDED: [&str; 3] = ["Unexpected EOF", "h2 protocol error", "error reading a body"];
+
 pub(super) fn code(kind: FailureKind) -> Code {
     match kind {
         FailureKind::InvalidRequest
@@ -24,13 +27,17 @@ pub(super) fn code(kind: FailureKind) -> Code {
         FailureKind::MethodNotAllowed => Code::Unimplemented,
         FailureKind::Unavailable => Code::Unavailable,
         FailureKind::TimedOut => Code::DeadlineExceeded,
+        FailureKind::Cancelled => Code::Cancelled,
         FailureKind::Internal => Code::Internal,
     }
 }
 
 /// What a failure is called that came about outside of our handlers.
-pub(super) fn outcome(code: Code) -> &'static str {
-    match code {
+pub(super) fn outcome(status: &Status) -> &'static str {
+    match status.code() {
+        // tonic's words for a message that does not end, and one that is none.
+        Code::Unknown | Code::Internal if UNENDED.iter().any(|words| status.message().contains(words)) => "cancelled",
+        Code::Unknown | Code::Internal if status.message().contains("decode") => "invalid_request",
         Code::Ok => "ok",
         Code::Cancelled => "cancelled",
         Code::InvalidArgument | Code::FailedPrecondition | Code::AlreadyExists | Code::Aborted => "invalid_request",

@@ -7,6 +7,7 @@ use std::time::Instant;
 use tokio::sync::{Mutex, mpsc, watch};
 use tokio::task::JoinSet;
 use tonic::{Code, Status, Streaming};
+use tonic_types::{ErrorDetails, StatusExt as _};
 
 use super::answer::{TrackedFrame, estimate, estimate_tracked};
 use super::call::Call;
@@ -80,12 +81,12 @@ impl Frames {
                 // In the order in which frames come, the server reads no more than it works on.
                 request = requests.message(), if end.is_none() && self.has_room() => match request {
                     Ok(Some(request)) => {
-                        if let Err(status) = self.take(request).await {
-                            end = Some(Err(status));
+                        if let Err(failure) = self.take(request).await {
+                            end = Some(Err(self.call.failed(failure).into()));
                         }
                     }
                     Ok(None) => end = Some(Ok(())),
-                    Err(status) => end = Some(Err(status)),
+                    Err(status) => end = Some(Err(with_info(status))),
                 },
                 Some(_) = self.in_work.join_next() => self.start_waiting(),
                 () = &mut stopped, if end.is_none() => {
@@ -99,7 +100,7 @@ impl Frames {
         }
         match end {
             Some(Err(status)) => {
-                pending.answered(self.call.failure().map_or_else(|| outcome(status.code()), FailureKind::name), None);
+                pending.answered(self.call.failure().map_or_else(|| outcome(&status), FailureKind::name), None);
                 // A client that has left meanwhile is no fault.
                 let _ = responses.send(Err(status)).await;
             }
@@ -121,7 +122,7 @@ impl Frames {
         self.latest_only || self.in_work.len() < self.window
     }
 
-    async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Status> {
+    async fn take(&mut self, request: EstimateStreamRequest) -> Result<(), Failure> {
         let body = Arc::new(self.call.next_message());
         match request.kind {
             Some(Kind::Settings(settings)) => self.set(settings),
@@ -138,26 +139,26 @@ impl Frames {
                 }
                 Ok(())
             }
-            None => Err(Status::invalid_argument("the message has neither 'settings' nor 'frame'; set one of them")),
+            None => Err(Failure::invalid("the message has neither 'settings' nor 'frame'; set one of them")),
         }
     }
 
-    fn set(&mut self, settings: StreamSettings) -> Result<(), Status> {
+    fn set(&mut self, settings: StreamSettings) -> Result<(), Failure> {
         if self.started {
-            return Err(Status::invalid_argument("'settings' must be sent once, before the first frame"));
+            return Err(Failure::invalid("'settings' must be sent once, before the first frame"));
         }
         if settings.window > MAX_WINDOW {
             let window = settings.window;
-            return Err(Status::invalid_argument(format!(
+            return Err(Failure::invalid(format!(
                 "'window' is {window}; it must be between 1 and {MAX_WINDOW}, or 0 for the default"
             )));
         }
         if settings.tracking.is_some() && !settings.track {
-            return Err(Status::invalid_argument("'tracking' is set, but 'track' is not; set both"));
+            return Err(Failure::invalid("'tracking' is set, but 'track' is not; set both"));
         }
         if settings.track {
             let options = follow_options(&settings.tracking.unwrap_or_default());
-            let tracked = self.service.track(options).map_err(|failure| self.call.failed(failure))?;
+            let tracked = self.service.track(options)?;
             self.tracked = Some(Arc::new(Mutex::new(tracked)));
         }
         self.started = true;
@@ -206,6 +207,16 @@ impl Frames {
             respond(&responses, frame_id, result, tracking).await;
         });
     }
+}
+
+/// What tonic says of a message says no more than its code.
+fn with_info(status: Status) -> Status {
+    if !status.details().is_empty() {
+        return status;
+    }
+    let setting = if status.code() == Code::OutOfRange { " ('max_body_bytes')" } else { "" };
+    let (code, message) = (status.code(), format!("{}{setting}", status.message()));
+    Status::with_error_details(code, message, ErrorDetails::with_error_info(outcome(&status), "posed", []))
 }
 
 async fn respond(responses: &Responses, frame_id: u64, result: FrameResult, tracking: Option<Tracking>) {

@@ -9,7 +9,7 @@ use crate::server::service::{Failure, FailureKind};
 
 pub(super) fn status(kind: FailureKind) -> StatusCode {
     match kind {
-        FailureKind::InvalidRequest | FailureKind::InvalidImage => StatusCode::BAD_REQUEST,
+        FailureKind::InvalidRequest | FailureKind::InvalidImage | FailureKind::Cancelled => StatusCode::BAD_REQUEST,
         FailureKind::UnsupportedFormat => StatusCode::UNSUPPORTED_MEDIA_TYPE,
         FailureKind::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
         FailureKind::UnknownCamera | FailureKind::UnknownObject | FailureKind::NotFound => StatusCode::NOT_FOUND,

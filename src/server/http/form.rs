@@ -13,6 +13,7 @@ use http_body_util::BodyExt as _;
 use serde::de::DeserializeOwned;
 
 use super::upload::{Admitted, UploadError};
+use crate::server::api::json::read_request;
 use crate::server::service::{Failure, FailureKind, MAX_JSON_BYTES, Service};
 
 /// What a form holds.
@@ -136,7 +137,7 @@ async fn json<T: DeserializeOwned>(mut part: Field<'_>) -> Result<T, Failure> {
         text.extend_from_slice(&chunk);
     }
     // serde_json refuses what is nested deeper than 128 levels.
-    serde_json::from_slice(&text).map_err(|error| Failure::invalid(format!("part 'request': {error}")))
+    read_request(&text)
 }
 
 /// A slow sender has no more time than the answer.

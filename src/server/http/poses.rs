@@ -64,7 +64,7 @@ pub(super) async fn poses(
     query: Result<Query<EstimateQuery>, QueryRejection>,
     request: Request,
 ) -> Result<Response, Failure> {
-    let Query(query) = query.map_err(|rejection| Failure::invalid(rejection.body_text()))?;
+    let Query(query) = query.map_err(|rejection| not_a_query(&rejection))?;
     let picture = picture::wanted(request.headers());
     let Admitted { body, deadline } = form::admitted(&request)?;
     let kind = if query.is_raw() { Kind::Image } else { Kind::of(request.headers())? };
@@ -112,4 +112,11 @@ pub(super) fn image(bytes: Bytes, raw: Option<RawLayout>) -> Result<Image, Failu
 pub(super) fn report(service: &Service, answer: &Answer, options: &Options) -> Report {
     let captured_at = options.captured_at.as_deref();
     Report::new(answer, &ReportContext { provider: service.provider, frames: &options.frames, captured_at })
+}
+
+fn not_a_query(rejection: &QueryRejection) -> Failure {
+    let text = rejection.body_text();
+    let advice =
+        if text.contains("duplicate field") { "; give it once, several values separated by commas" } else { "" };
+    Failure::invalid(format!("{text}{advice}"))
 }

@@ -1,5 +1,7 @@
 //! Bodies under a lease: room is asked for before they are read, and counted as they come.
 
+use std::error::Error;
+use std::io::{self, ErrorKind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -228,9 +230,23 @@ impl From<&UploadError> for Failure {
                 FailureKind::TimedOut,
                 "the request body stalled for longer than 'body_timeout_ms'; send it without pauses",
             ),
-            UploadError::Broken(_) => {
-                Self::invalid("the request body ended early or is malformed; check its length and its chunks")
+            UploadError::Broken(error) => {
+                let kind = if has_left(error) { FailureKind::Cancelled } else { FailureKind::InvalidRequest };
+                Self::new(kind, "the request body ended early or is malformed; check its length and its chunks")
             }
         }
     }
+}
+
+/// Whether it is the connection that ended, and not the body that is malformed.
+fn has_left(error: &axum::Error) -> bool {
+    let mut next: Option<&(dyn Error + 'static)> = Some(error);
+    while let Some(error) = next {
+        if let Some(error) = error.downcast_ref::<io::Error>() {
+            let kinds = [ErrorKind::UnexpectedEof, ErrorKind::ConnectionReset, ErrorKind::ConnectionAborted];
+            return kinds.contains(&error.kind());
+        }
+        next = error.source();
+    }
+    false
 }

@@ -36,6 +36,8 @@ pub(crate) enum FailureKind {
     QueueFull,
     Unavailable,
     TimedOut,
+    /// The caller left before all of its request was here.
+    Cancelled,
     Internal,
 }
 
@@ -58,6 +60,7 @@ impl FailureKind {
             Self::TimedOut => "timed_out",
             Self::QueueFull => "queue_full",
             Self::Unavailable => "unavailable",
+            Self::Cancelled => "cancelled",
             Self::Internal => "internal",
         }
     }
@@ -139,6 +142,7 @@ impl From<QueueError> for Failure {
                 MeasureError::Estimate(estimate) => of_estimate(estimate),
                 MeasureError::UnknownObject(_) => FailureKind::UnknownObject,
                 MeasureError::Solve(_)
+                | MeasureError::Unfit { .. }
                 | MeasureError::BoxOutside(_)
                 | MeasureError::NotSeen
                 | MeasureError::NoLabel

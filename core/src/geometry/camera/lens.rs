@@ -35,6 +35,10 @@ pub(super) enum Model {
 }
 
 impl Lens {
+    pub(super) fn is_fisheye(&self) -> bool {
+        matches!(self.model, Model::Fisheye(_))
+    }
+
     pub(super) fn new(model: Model) -> Self {
         let mut lens = Self { model, max_radius: MAX_RADIUS };
         lens.max_radius = lens.end_of_domain();

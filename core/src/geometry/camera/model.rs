@@ -182,6 +182,12 @@ impl Camera {
         })
     }
 
+    /// Whether its lens follows the fisheye model, which others cannot stand for beyond wide angles.
+    #[must_use]
+    pub fn is_fisheye(&self) -> bool {
+        self.lens.is_fisheye()
+    }
+
     /// Focal lengths `(fx, fy)` in pixels.
     #[must_use]
     pub fn focal(&self) -> Vector2<f64> {

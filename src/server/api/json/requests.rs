@@ -5,6 +5,7 @@ use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
 use super::forms::{BoxForm, CameraChoiceForm, PoseForm, PoseSchema, RawForm};
+use super::read_request;
 use crate::estimator::CallerFrames;
 use crate::server::service::{CameraChoice, Failure, PoseRequest};
 use crate::vision::RawLayout;
@@ -67,10 +68,9 @@ pub(crate) struct BatchRequest(Box<RawValue>);
 impl BatchRequest {
     /// Returns one request for each image. An unreadable one fails its own image only.
     pub(crate) fn for_each(&self, images: usize) -> Result<Vec<Result<EstimateRequest, Failure>>, Failure> {
-        let bad = |error: serde_json::Error| Failure::invalid(format!("part 'request': {error}"));
         let text = self.0.get();
         if !text.trim_start().starts_with('[') {
-            let shared: EstimateRequest = serde_json::from_str(text).map_err(bad)?;
+            let shared: EstimateRequest = read_request(text.as_bytes())?;
             if shared.boxes.is_some() && images > 1 {
                 let message = "field 'boxes' is of one image; list options for each image, each with its own boxes";
                 return Err(Failure::invalid(message));
@@ -79,12 +79,12 @@ impl BatchRequest {
             PoseRequest::check_names(shared.objects.as_deref())?;
             return Ok(vec![shared; images].into_iter().map(Ok).collect());
         }
-        let list: Vec<&RawValue> = serde_json::from_str(text).map_err(bad)?;
+        let list: Vec<&RawValue> = read_request(text.as_bytes())?;
         if list.len() != images {
             let given = list.len();
             let message = format!("part 'request' lists {given} options for {images} images; list one for each image");
             return Err(Failure::invalid(message));
         }
-        Ok(list.into_iter().map(|one| serde_json::from_str(one.get()).map_err(bad)).collect())
+        Ok(list.into_iter().map(|one| read_request(one.get().as_bytes())).collect())
     }
 }

@@ -44,7 +44,8 @@ pub enum ReasonForm {
     UncertainPose,
     /// The object is nearer than it is large. Check that the camera's parameters belong to this image.
     TooNear,
-    /// The principal point is far from the middle of the image. Check that the camera's parameters belong to this image.
+    /// The principal point is far from the middle of the image, or the focal length is shorter than lenses have it. Check that the
+    /// camera's parameters belong to this image, and are in pixels.
     CameraSuspect,
     /// The image has no colours, but the networks learned from colours.
     GreyImage,
