@@ -222,11 +222,17 @@ async fn frames_that_do_not_fit_the_stream_are_refused_and_the_next_good_one_is_
     bent.world_from_camera.as_mut().unwrap().rotation_w += 0.5;
     let mut far = good.clone();
     far.world_from_camera.as_mut().unwrap().translation_x_m = f64::NAN;
+    let mut millimetres = good.clone();
+    let moved = millimetres.world_from_camera.as_mut().unwrap();
+    for metres in [&mut moved.translation_x_m, &mut moved.translation_y_m, &mut moved.translation_z_m] {
+        *metres *= 1000.0;
+    }
     let nowhere = EstimateRequest { world_from_camera: None, ..good.clone() };
     let broken = EstimateRequest { image: b"no image".to_vec().into(), ..good.clone() };
     for (request, words) in [
         (bent, "'world_from_camera' is not a pose"),
         (far, "'world_from_camera' is not a pose"),
+        (millimetres, "seem to be in millimetres; give metres"),
         (nowhere, "'world_from_camera' is in some frames"),
         (broken, "image"),
     ] {

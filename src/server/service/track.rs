@@ -18,7 +18,13 @@ pub(crate) struct TrackedStream {
     began: Instant,
     /// What the first frame had, and all others must have.
     first: Option<First>,
+    /// When and where the camera last was.
+    last: Option<(f64, Pose)>,
 }
+
+/// Metres between two frames, and metres a second, that no camera jumps or moves.
+const MOST_JUMP_M: f64 = 10.0;
+const MOST_SPEED: f64 = 20.0;
 
 struct First {
     camera: Camera,
@@ -56,7 +62,7 @@ impl Service {
         }
         let follower = Follower::new(Arc::clone(&self.catalogue().library), options);
         let follower = follower.map_err(|error| Failure::invalid(format!("field {error}, or 0 for the default")))?;
-        Ok(TrackedStream { follower, began: Instant::now(), first: None })
+        Ok(TrackedStream { follower, began: Instant::now(), first: None, last: None })
     }
 }
 
@@ -73,6 +79,7 @@ impl TrackedStream {
         let wrong = |error| Failure::invalid(format!("field 'capture_time' {error}"));
         self.follower.check_time(time_s).map_err(wrong)?;
         let world_from_camera = options.frames.world_from_camera.unwrap_or_else(Pose::identity);
+        self.check_motion(time_s, &world_from_camera)?;
         let guide = self.follower.guide(time_s, &world_from_camera, &options.selection);
         Ok(NextFrame { guide, time_s, has_time: capture_time.is_some(), world_from_camera, arrived })
     }
@@ -99,6 +106,20 @@ impl TrackedStream {
         Ok(())
     }
 
+    /// Nothing is followed from a camera that is said to jump. Other cameras may look in turn, so that a few metres mean
+    /// nothing.
+    fn check_motion(&self, time_s: f64, world_from_camera: &Pose) -> Result<(), Failure> {
+        let Some((before_s, before)) = &self.last else { return Ok(()) };
+        let (moved, passed) = ((world_from_camera.translation() - before.translation()).norm(), time_s - before_s);
+        if moved > MOST_JUMP_M && moved > MOST_SPEED * passed {
+            return Err(Failure::invalid(format!(
+                "field 'world_from_camera' is {moved:.1} m from that of the frame before it, {passed:.3} s ago: \
+                 'translation_x_m' and its like seem to be in millimetres; give metres, or open another stream"
+            )));
+        }
+        Ok(())
+    }
+
     /// Takes the answer to a frame.
     pub(crate) fn take(
         &mut self,
@@ -109,6 +130,7 @@ impl TrackedStream {
         let NextFrame { guide, time_s, has_time, world_from_camera, arrived } = frame;
         let wrong = |error| Failure::invalid(format!("field 'capture_time' {error}"));
         let tracks = self.follower.take(*time_s, world_from_camera, guide, estimate).map_err(wrong)?;
+        self.last = Some((*time_s, *world_from_camera));
         self.first.get_or_insert_with(|| First {
             camera: options.camera.clone(),
             has_time: *has_time,
