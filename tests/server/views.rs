@@ -122,6 +122,27 @@ async fn a_wrong_view_is_named() {
     }
 }
 
+/// The images, in some of which the motor is painted over.
+async fn without_motor(server: &Server, images: &[Vec<u8>], hidden: &[usize]) -> Vec<Vec<u8>> {
+    let found = answer(server, images, &value!({"rig": "scene"})).await;
+    let mut images = images.to_vec();
+    for view in hidden {
+        let poses = found["views"][view]["poses"].as_array().unwrap();
+        let mut image = image::load_from_memory(&images[*view]).unwrap().to_rgb8();
+        for pose in poses.iter().filter(|pose| pose["object"] == "motor") {
+            let [x, y, w, h]: [f64; 4] = serde_json::from_value(pose["detection"]["box_px"].clone()).unwrap();
+            let inside = |at: u32, from: f64, side: f64| (from - 4.0..from + side + 4.0).contains(&f64::from(at));
+            for (column, row, pixel) in image.enumerate_pixels_mut() {
+                if inside(column, x, w) && inside(row, y, h) {
+                    *pixel = image::Rgb([120, 110, 100]);
+                }
+            }
+        }
+        images[*view] = png(&image.into());
+    }
+    images
+}
+
 /// Views that see each object elsewhere cannot all be right: whom nobody bears out is not `ok`, wherever the cameras were said
 /// to stand.
 #[tokio::test]
@@ -156,6 +177,11 @@ async fn cameras_far_from_where_they_stood_make_nothing_ok() {
     let unsized_answer = answer(&server, &images, &unsized_views).await;
     assert_eq!(ok(&unsized_answer).len(), ok(&outnumbered).len(), "{unsized_answer}");
     assert!(ok(&unsized_answer).iter().all(|object| object["views"].as_array().unwrap().len() > 1));
+    // What it alone shows is as wrong as it is.
+    let alone = answer(&server, &without_motor(&server, &images, &[0, 2]).await, &views(&poses)).await;
+    let motor: Vec<_> = alone["objects"].as_array().unwrap().iter().filter(|one| one["object"] == "motor").collect();
+    assert!(motor.iter().any(|one| one["reasons"].as_array().unwrap().contains(&value!("single_view"))), "{alone}");
+    assert!(motor.iter().all(|one| one["status"] != "ok"), "{alone}");
     // Two that were exchanged, and quaternions in another order: nobody knows which is right.
     let exchanged = vec![scene_cameras()[1].clone(), scene_cameras()[0].clone()];
     let wxyz = |pose: &Value| {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::Vector3;
 use posed_core::pnp::Status;
 
-use super::fused::FusedPose;
+use super::fused::{FusedPose, LeftOut, ViewShare};
 use super::instance::{Instance, Seen};
 use crate::estimator::verdict::Reason;
 
@@ -48,4 +48,29 @@ fn shows(seen: &Seen<'_>, world_point: &Vector3<f64>) -> bool {
     let in_camera = seen.camera.world_from_camera.inverse().transform(world_point);
     let within = |value: f64, side: u32| (RIM..1.0 - RIM).contains(&(value / f64::from(side)));
     seen.optics.project(&in_camera).is_ok_and(|pixel| within(pixel.x, seen.size.0) && within(pixel.y, seen.size.1))
+}
+
+/// What a view alone shows is as doubtful as the view: where it contradicts the others in all that they see, too, its camera
+/// stood elsewhere. `fused` are those of all kinds, doubted as above.
+pub(super) fn doubt_lone(fused: &mut [FusedPose]) {
+    let used =
+        |pose: &FusedPose| pose.views.iter().filter(|share| share.left_out.is_none()).map(|share| share.view).collect();
+    let with_use: Vec<Vec<usize>> = fused.iter().map(used).collect();
+    let agreeing: BTreeSet<usize> = with_use.iter().filter(|views| views.len() > 1).flatten().copied().collect();
+    let disputed: BTreeSet<usize> = fused
+        .iter()
+        .zip(&with_use)
+        .filter(|(pose, _)| pose.verdict.reasons.contains(Reason::ViewsDisagree))
+        .flat_map(|(pose, views)| {
+            let alone = views.len() < 2;
+            let against = move |share: &&ViewShare| alone || share.left_out == Some(LeftOut::Contradicts);
+            pose.views.iter().filter(against).map(|share| share.view)
+        })
+        .filter(|view| !agreeing.contains(view))
+        .collect();
+    for (pose, views) in fused.iter_mut().zip(with_use) {
+        if matches!(views[..], [only] if disputed.contains(&only)) {
+            pose.verdict.object(Reason::ViewsDisagree, Status::LowConfidence);
+        }
+    }
 }

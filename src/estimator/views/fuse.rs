@@ -47,6 +47,7 @@ pub fn fuse(cameras: &[PosedCamera], estimates: &[&Estimate]) -> Vec<FusedPose> 
         elsewhere::doubt(instances, &borne_out, &mut of_kind);
         fused.extend(of_kind);
     }
+    elsewhere::doubt_lone(&mut fused);
     fused.sort_by(|a, b| {
         let views = |fused: &FusedPose| fused.views.iter().filter(|view| view.left_out.is_none()).count();
         let by_views = || views(b).cmp(&views(a));
