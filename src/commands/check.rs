@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::models::ModelArgs;
+use super::output::say;
 use crate::estimator::{Estimator, Parity};
 use crate::model::{Backend, ObjectModel, PoseFile, read_json};
 use crate::vision::{DecodeOptions, Image, decode};
@@ -38,24 +39,24 @@ impl Check {
         let (mut estimator, catalogue) = self.models.estimator(&runtime)?;
         let library = &catalogue.library;
         estimator.warm_up()?;
-        println!("provider {}\n", runtime.provider());
-        println!("{:<12} {:<64} difference to the trainer", "model", "sha256");
+        say!("provider {}\n", runtime.provider());
+        say!("{:<12} {:<64} difference to the trainer", "model", "sha256");
         for looking in &library.detectors {
             let name =
                 looking.owner.as_ref().map_or_else(|| "detector".to_owned(), |owner| format!("{owner}/detector"));
-            println!("{name:<12} {}", looking.model.manifest.model_sha256);
+            say!("{name:<12} {}", looking.model.manifest.model_sha256);
         }
         let mut differs = Vec::new();
         for object in library.known() {
             let manifest = &object.manifest;
             let parity = Parity::measure(&self.models.models.join(&manifest.name), object, &runtime)?;
             let text = parity.map_or("unknown".into(), |parity| parity.to_string());
-            println!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
+            say!("{:<12} {} {text}", manifest.name, manifest.model_sha256);
             differs.extend(parity.filter(|parity| !parity.holds()).map(|_| manifest.name.as_str()));
         }
         let camera = the_only_camera(&self.samples)?;
         let samples: BTreeMap<String, Vec<KnownPose>> = read_json(&self.samples.join("poses.json"))?;
-        println!("\n{:<16} {:<12} {:<15} {:>9} {:>9} {:>8}", "sample", "object", "status", "deg", "mm", "% diam.");
+        say!("\n{:<16} {:<12} {:<15} {:>9} {:>9} {:>8}", "sample", "object", "status", "deg", "mm", "% diam.");
         let (mut poses, mut wrong) = (0, 0);
         for (file, known) in &samples {
             let bytes = fs::read(self.samples.join(file)).map_err(|error| format!("{file}: {error}"))?;
@@ -69,7 +70,7 @@ impl Check {
                 wrong += usize::from(!report(file, object, known, &found)?);
             }
         }
-        println!("\n{} of {poses} poses are right", poses - wrong);
+        say!("\n{} of {poses} poses are right", poses - wrong);
         if wrong > 0 {
             return Err(format!("{wrong} of {poses} poses are missing or wrong").into());
         }
@@ -103,7 +104,7 @@ fn report(file: &str, object: &ObjectModel, known: &KnownPose, found: &Found) ->
     let Some((status, pose)) =
         found.iter().find_map(|(object, status, pose)| (object == name).then_some((status, (*pose)?)))
     else {
-        println!("{file:<16} {name:<12} not found");
+        say!("{file:<16} {name:<12} not found");
         return Ok(false);
     };
     // Of the poses under which the object looks the same, the one nearest to the truth.
@@ -111,7 +112,7 @@ fn report(file: &str, object: &ObjectModel, known: &KnownPose, found: &Found) ->
     let keypoints = object.manifest.keypoints();
     let moved = keypoints.iter().map(|point| (pose.transform(point) - truth.transform(point)).norm());
     let error = moved.sum::<f64>() / keypoints.len() as f64 / object.manifest.diameter_m;
-    println!(
+    say!(
         "{file:<16} {name:<12} {status:<15} {:>9.2} {:>9.1} {:>8.1}",
         pose.angle_to(&truth).to_degrees(),
         1e3 * (pose.translation() - truth.translation()).norm(),

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::known::{Known, beside};
+use super::output::say;
 use crate::model::{ObjectModel, PoseFile, read_json};
 use posed_core::calibration::{Click, ClickedPair, ClickedReference, FrameClicks, reference_from_clicks};
 use posed_core::geometry::{Camera, Pose};
@@ -72,7 +73,7 @@ pub(super) fn known(path: &Path, model: &ObjectModel) -> Result<Vec<Known>, Box<
     let of_pair = |(index, pair): (usize, &Pair)| {
         let place = if several { format!("{file}: pair {index}") } else { file.to_string() };
         if several {
-            println!("pair {index}: {}", pair.image.display());
+            say!("pair {index}: {}", pair.image.display());
         }
         pair.known(path, model).map_err(|error| format!("{place}: {error}").into())
     };
@@ -120,11 +121,14 @@ impl Pair {
         let FrameEntry { origin, on_x, in_xy } = self.frame;
         let reference = reference_from_clicks(&pair, FrameClicks { origin, on_x, in_xy })?;
         check_spread(&reference, model.manifest.diameter_m)?;
-        println!("{:<6} {:>10} {:>10} {:>8} {:>9}", "click", "first, px", "second, px", "ray, mm", "sigma, mm");
+        say!("{:<6} {:>10} {:>10} {:>8} {:>9}", "click", "first, px", "second, px", "ray, mm", "sigma, mm");
         for (index, residual) in reference.residuals.iter().enumerate() {
-            println!(
+            say!(
                 "{index:<6} {:>10.2} {:>10.2} {:>8.2} {:>9.2}",
-                residual.first_px, residual.second_px, residual.ray_mm, residual.sigma_mm
+                residual.first_px,
+                residual.second_px,
+                residual.ray_mm,
+                residual.sigma_mm
             );
         }
         Ok(Known {

@@ -3,6 +3,8 @@ use std::error::Error;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
+use super::output::print;
+
 #[derive(Args, Debug)]
 pub(super) struct Completions {
     /// Shell to print the script for.
@@ -13,7 +15,9 @@ pub(super) struct Completions {
 impl Completions {
     #[expect(clippy::unnecessary_wraps, reason = "as every sub-command")]
     pub(super) fn run(self, program: &mut Command) -> Result<(), Box<dyn Error>> {
-        clap_complete::generate(self.shell, program, "posed", &mut std::io::stdout());
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, program, "posed", &mut script);
+        print(format_args!("{}", String::from_utf8_lossy(&script)));
         Ok(())
     }
 }

@@ -9,6 +9,7 @@ use image::ImageFormat;
 
 use super::boxes::Boxes;
 use super::models::ModelArgs;
+use super::output::say;
 use crate::estimator::{
     Answer, CallerFrames, Estimate as PoseEstimate, Estimator, Frame, FusedPose, PosedCamera, Selection, ViewsPicture,
     cameras_are_meant, fuse,
@@ -86,9 +87,9 @@ impl Estimate {
             if !self.json {
                 print_table(path, &answer.estimate);
             } else if self.images.len() > 1 {
-                println!("{}", serde_json::to_string(&report)?);
+                say!("{}", serde_json::to_string(&report)?);
             } else {
-                println!("{}", serde_json::to_string_pretty(&report)?);
+                say!("{}", serde_json::to_string_pretty(&report)?);
             }
         }
         Ok(())
@@ -130,10 +131,7 @@ impl Estimate {
                 .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }
         if self.json {
-            println!(
-                "{}",
-                serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, runtime.provider(), None))?
-            );
+            say!("{}", serde_json::to_string_pretty(&ViewsReport::new(&answers, &fused, runtime.provider(), None))?);
         } else {
             print_fused(&fused);
         }
@@ -207,9 +205,13 @@ fn estimate(
 }
 
 fn print_fused(fused: &[FusedPose]) {
-    println!(
+    say!(
         "{:<12} {:<15} {:>8}  {:>26}  {:>10}  reasons",
-        "object", "status", "views", "translation x y z (m)", "sigma (mm)"
+        "object",
+        "status",
+        "views",
+        "translation x y z (m)",
+        "sigma (mm)"
     );
     for object in fused {
         let used = object.views.iter().filter(|view| view.left_out.is_none()).count();
@@ -220,15 +222,19 @@ fn print_fused(fused: &[FusedPose]) {
         });
         let reasons: Vec<_> = object.verdict.reasons.iter().map(|reason| reason.to_string()).collect();
         let (name, status, reasons) = (&object.object, object.verdict.status, reasons.join(", "));
-        println!("{name:<12} {status:<15} {views:>8}  {translation:>26}  {sigma:>10}  {reasons}");
+        say!("{name:<12} {status:<15} {views:>8}  {translation:>26}  {sigma:>10}  {reasons}");
     }
 }
 
 fn print_table(path: &Path, estimate: &PoseEstimate) {
-    println!("{}", path.display());
-    println!(
+    say!("{}", path.display());
+    say!(
         "  {:<12} {:<15} {:>10}  {:>26}  {:>9}",
-        "object", "status", "confidence", "translation x y z (m)", "rmse (px)"
+        "object",
+        "status",
+        "confidence",
+        "translation x y z (m)",
+        "rmse (px)"
     );
     for found in &estimate.poses {
         let (translation, rmse) = found.pose.as_ref().map_or_else(Default::default, |solved| {
@@ -236,9 +242,9 @@ fn print_table(path: &Path, estimate: &PoseEstimate) {
             (format!("{x:>8.4} {y:>8.4} {z:>8.4}"), format!("{:.2}", solved.reprojection_rmse_px))
         });
         let (object, status, confidence) = (&found.object, found.verdict.status, found.confidence());
-        println!("  {object:<12} {status:<15} {confidence:>10.2}  {translation:>26}  {rmse:>9}");
+        say!("  {object:<12} {status:<15} {confidence:>10.2}  {translation:>26}  {rmse:>9}");
     }
     for hint in &estimate.hints {
-        println!("  {hint}");
+        say!("  {hint}");
     }
 }

@@ -12,6 +12,7 @@ mod healthcheck;
 mod known;
 mod models;
 mod objects;
+mod output;
 mod serve;
 
 use std::error::Error;

@@ -43,6 +43,12 @@ impl ModelArgs {
     pub(super) fn library(&self) -> Result<(Arc<Library>, Arc<References>), LoadError> {
         let library = Arc::new(Library::load(&self.models)?.with_ok_probability(self.ok_probability));
         let references = Arc::new(References::load(&self.reference, &library)?);
+        if !self.reference.is_dir() {
+            tracing::warn!(
+                "{}: no such folder, so that no object is calibrated; set --reference",
+                self.reference.display()
+            );
+        }
         Ok((library, references))
     }
 

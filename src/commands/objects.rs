@@ -6,6 +6,7 @@ use std::sync::Arc;
 use clap::{Args, Subcommand};
 
 use super::models::ModelArgs;
+use super::output::say;
 use crate::estimator::{Update, load_candidate};
 use crate::model::{Catalogue, KeypointManifest, Library, References, Runtime, Staged, Store, unpack};
 
@@ -85,7 +86,7 @@ impl Add {
         let (name, catalogue) = loaded.map_err(|error| error.to_string().replace(&scratch, ""))?;
         let replaced = store.home(&name).is_dir();
         store.put(staged, &name)?;
-        println!("{name} was {} in {}", if replaced { "replaced" } else { "added" }, self.models.models.display());
+        say!("{name} was {} in {}", if replaced { "replaced" } else { "added" }, self.models.models.display());
         tell_needs(&catalogue, &name, &self.models.models);
         Ok(())
     }
@@ -128,7 +129,7 @@ impl Remove {
                 return Err(format!("there is no object {name:?} in {}", self.models.display()).into());
             }
             store.remove(name)?;
-            println!("{name} was removed from {}", self.models.display());
+            say!("{name} was removed from {}", self.models.display());
         }
         Ok(())
     }
@@ -138,7 +139,7 @@ impl List {
     fn run(&self) -> Result<(), Box<dyn Error>> {
         let library = Library::load_or_empty(&self.models)?;
         let references = References::load_usable(&self.reference, &library)?;
-        println!("{:<16} {:<10} {:<10} {:>8}  {:<64}", "object", "calibrated", "detector", "diameter", "sha256");
+        say!("{:<16} {:<10} {:<10} {:>8}  {:<64}", "object", "calibrated", "detector", "diameter", "sha256");
         for object in library.known() {
             let manifest = &object.manifest;
             let name = &manifest.name;
@@ -149,11 +150,11 @@ impl List {
                 Some(_) => "shared",
             };
             let diameter = format!("{:.0} mm", 1e3 * manifest.diameter_m);
-            println!("{name:<16} {calibrated:<10} {detector:<10} {diameter:>8}  {}", manifest.model_sha256);
+            say!("{name:<16} {calibrated:<10} {detector:<10} {diameter:>8}  {}", manifest.model_sha256);
         }
         for object in library.known() {
             if let Some(problem) = references.problem(&object.manifest.name) {
-                println!("{}: {problem}", object.manifest.name);
+                say!("{}: {problem}", object.manifest.name);
             }
         }
         Ok(())
@@ -165,10 +166,10 @@ fn tell_needs(catalogue: &Catalogue, name: &str, models: &Path) {
     let Catalogue { library, references } = catalogue;
     if references.get(name).is_none() {
         let problem = references.problem(name);
-        println!("{}", problem.unwrap_or_else(|| format!("it has no reference: run `posed calibrate {name}`")));
+        say!("{}", problem.unwrap_or_else(|| format!("it has no reference: run `posed calibrate {name}`")));
     }
     if library.without_detector().any(|other| other == name) {
-        println!("no detector in {} has its label: requests must send its box ('boxes')", models.display());
+        say!("no detector in {} has its label: requests must send its box ('boxes')", models.display());
     }
 }
 

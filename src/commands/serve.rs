@@ -3,6 +3,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::print;
 use crate::server::{self, Config, init_logs};
 
 #[derive(Args, Debug)]
@@ -20,12 +21,15 @@ pub(super) struct Serve {
 impl Serve {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         if self.print_config {
-            print!("{}", server::default_settings());
+            print(format_args!("{}", server::default_settings()));
             return Ok(());
         }
         let config = self.settings;
         config.check()?;
         let logs = init_logs(&config.log, config.log_format)?;
+        for problem in server::unknown_variables(std::env::vars_os().filter_map(|(name, _)| name.into_string().ok())) {
+            tracing::warn!("{problem}");
+        }
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
         let served = runtime.block_on(server::run(config, logs));
         // Drops what is left of the connections; what was accepted is answered, or its time is over.

@@ -26,6 +26,6 @@ mod tls;
 pub use http::openapi;
 pub use run::{ServeError, run};
 pub use settings::{Config, LogFormat, SettingsError};
-pub use settings_file::{SettingsFile, SettingsFileError, default_settings};
+pub use settings_file::{SettingsFile, SettingsFileError, default_settings, unknown_variables};
 pub use telemetry::{LogControl, init_logs};
 pub use tls::TlsError;

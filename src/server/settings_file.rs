@@ -105,6 +105,26 @@ fn is_text(argument: &Arg) -> bool {
         .any(|bare| read == *bare)
 }
 
+/// What is wrong with the names of these environment variables. Kubernetes sets some of its own for a service that is
+/// called `posed`, so that none of them is an error.
+pub fn unknown_variables(names: impl Iterator<Item = String>) -> Vec<String> {
+    let with_variables = Config::augment_args(Command::new("posed"));
+    let known = |name: &str| {
+        name == "POSED_CONFIG" || with_variables.get_arguments().any(|one| one.get_env().is_some_and(|env| env == name))
+    };
+    let command = settings();
+    let strange = |name: &String| {
+        let of_kubernetes = name.starts_with("POSED_PORT") || name.starts_with("POSED_SERVICE_");
+        name.starts_with("POSED_") && !of_kubernetes && !known(name)
+    };
+    let in_words = |name: String| {
+        let setting = name.trim_start_matches("POSED_").to_lowercase();
+        let hint = similar(&command, &setting).map(|near| format!("; did you mean POSED_{}?", near.to_uppercase()));
+        format!("the environment variable {name} is no setting, and does nothing{}", hint.unwrap_or_default())
+    };
+    names.filter(strange).map(in_words).collect()
+}
+
 /// The settings, without the environment.
 fn settings() -> Command {
     let command = Command::new("posed.toml").no_binary_name(true).disable_help_flag(true);
@@ -185,6 +205,16 @@ mod tests {
             assert!(!bare || table[name].is_integer(), "{name} is a number and stands in quotes");
         }
         assert!(table["recalibration"].is_bool());
+    }
+
+    #[test]
+    fn unknown_variables_are_named_and_those_of_others_are_not() {
+        let names =
+            ["POSED_PROVIDR", "POSED_MAX_BATCH", "POSED_CONFIG", "POSED_PORT_8080_TCP", "POSED_SERVICE_HOST", "PATH"];
+        let told = unknown_variables(names.into_iter().map(str::to_owned));
+        let said =
+            "the environment variable POSED_PROVIDR is no setting, and does nothing; did you mean POSED_PROVIDER?";
+        assert_eq!(told, [said]);
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod objects;
 mod onnx;
 mod refusals;
 mod settings;
+mod shipped;
 mod still;
 mod stream;
 #[path = "../support/mod.rs"]

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::net::TcpListener;
+use std::process::Stdio;
 
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
@@ -34,6 +35,17 @@ fn damaged_models_are_named() {
     // Formats cannot be told apart by the file: the warm-up finds a wrong one before anybody waits.
     damage("detector/detector.json", &replace("end2end", "yolov8"), "has shape");
     damage("cube/object.json", &replace("\"kind\": \"keypoints\"", "\"kind\": \"heatmaps\""), "has shape");
+}
+
+/// As `posed check | head -1` does.
+#[test]
+fn a_reader_that_leaves_ends_a_command_quietly() {
+    for arguments in [&["objects", "list"][..], &["serve", "--print-config"], &["completions", "bash"]] {
+        let mut child = posed(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{arguments:?}: {output:?}");
+    }
 }
 
 /// A pipe that nobody writes to would be waited for.

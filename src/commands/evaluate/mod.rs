@@ -17,10 +17,10 @@ mod without_truth;
 mod work;
 
 use std::error::Error;
-use std::io::{self, Write as _};
 
 use clap::Args;
 
+use super::output::print;
 use crate::evaluation::{ObjectRecords, Report, page};
 use options::{Asked, OutputArgs};
 use scoring::Scoring;
@@ -56,7 +56,8 @@ impl Evaluate {
             let rows = scoring.study(references)?;
             self.output.write_json(&rows)?;
             self.output.write_plot(&study::plot(&rows))?;
-            return Ok(print(&study::table(&rows))?);
+            print(format_args!("{}", study::table(&rows)));
+            return Ok(());
         }
         let mut scored = Vec::new();
         for split in &self.asked.splits.splits {
@@ -75,7 +76,7 @@ impl Evaluate {
         for split in &scored {
             split.problems.report();
         }
-        print(&table::tables(&report))?;
+        print(format_args!("{}", table::tables(&report)));
         Ok(seen?)
     }
 
@@ -86,9 +87,4 @@ impl Evaluate {
         };
         StillScenes { asked: &self.asked, split, output: &self.output }.run()
     }
-}
-
-/// An error, where `print!` would panic, if nobody reads.
-fn print(text: &str) -> io::Result<()> {
-    io::stdout().write_all(text.as_bytes())
 }

@@ -4,13 +4,13 @@ mod replay;
 mod table;
 
 use std::error::Error;
-use std::io::Write as _;
 
 use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use super::problems::Problems;
 use super::scoring::known;
+use crate::commands::output::print;
 use crate::evaluation::scenes;
 use crate::model::ObjectModel;
 use replay::Replay;
@@ -46,5 +46,6 @@ pub(super) fn run(asked: &Asked, output: &OutputArgs) -> Result<(), Box<dyn Erro
         return Err("no view of the objects can be scored; see --visible".into());
     }
     output.write_json(&replayed)?;
-    Ok(std::io::stdout().write_all(table::tables(&replayed).as_bytes())?)
+    print(format_args!("{}", table::tables(&replayed)));
+    Ok(())
 }

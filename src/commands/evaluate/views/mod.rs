@@ -6,7 +6,6 @@ mod spoil;
 mod table;
 
 use std::error::Error;
-use std::io::Write as _;
 use std::path::Path;
 
 use fastrand::Rng;
@@ -15,6 +14,7 @@ use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use super::shots::{Shot, Shots};
+use crate::commands::output::print;
 use crate::estimator::{Estimate, Frame, PosedCamera, Selection, fuse};
 use crate::evaluation::{ModelPoints, ObjectMesh};
 use crate::model::Library;
@@ -82,7 +82,8 @@ impl SeveralViews<'_> {
         if rows.iter().all(|row| row.poses == 0) {
             return Err("no object is seen by so many views with known camera poses; see --visible".into());
         }
-        Ok(std::io::stdout().write_all(table::table(&rows, splits.wrong_views).as_bytes())?)
+        print(format_args!("{}", table::table(&rows, splits.wrong_views)));
+        Ok(())
     }
 }
 

@@ -3,7 +3,6 @@
 mod report;
 
 use std::error::Error;
-use std::io::Write as _;
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -12,6 +11,7 @@ use super::answers::new_estimator;
 use super::options::{Asked, OutputArgs};
 use super::pool::in_parallel;
 use super::shots::{Shot, Shots};
+use crate::commands::output::print;
 use crate::estimator::{Estimator, Frame, Selection};
 use crate::evaluation::ReadOptions;
 use crate::evaluation::agreement::{Bounds, Observation, SceneAgreement, Shape};
@@ -68,7 +68,7 @@ impl StillScenes<'_> {
         let report = Report::new(self.split, bounds, objects, problems.all());
         self.output.write_json(&report)?;
         problems.report();
-        std::io::stdout().write_all(report.text().as_bytes())?;
+        print(format_args!("{}", report.text()));
         if report.compares() {
             return Ok(());
         }
