@@ -20,8 +20,6 @@ BOX_NOISE = 0.08, 0.05
 ZOOM_NOISE = 0.04, 0.03
 TURN_NOISE = 0.1
 """Of the up axis' image in a first look, over its length when seen from the side: end on, it may point anywhere."""
-PASTED_SHARE = 0.5
-"""Of the crops: the object before another background."""
 PLAIN_SHARE = 0.1
 """Of the crops of whole objects, as long as training lasts: before one colour, often black."""
 LIT_SHARE = 0.5
@@ -41,14 +39,20 @@ class Augmenter:
     `heights` are the keypoints' coordinates along the axis that points up in second looks, if there are any.
 
     `strength` scales how often and how much everything varies. It starts at 1; lowering it towards the end of a
-    training lets the net settle on images like those it will see.
+    training lets the net settle on images like those it will see. `pasted_share` is that of the crops that show the
+    object before another background.
     """
 
     def __init__(
-        self, backgrounds: list[np.ndarray], rng: np.random.Generator, size: int, heights: np.ndarray | None = None
+        self,
+        backgrounds: list[np.ndarray],
+        rng: np.random.Generator,
+        size: int,
+        heights: np.ndarray | None = None,
+        pasted_share: float = 0.5,
     ):
         self.surroundings = Surroundings(backgrounds, rng, size) if backgrounds else None
-        self.rng, self.size, self.heights = rng, size, heights
+        self.rng, self.size, self.heights, self.pasted_share = rng, size, heights, pasted_share
         self.strength = 1.0
 
     def __call__(self, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +78,7 @@ class Augmenter:
         light = light_field(self.size, rng) if rng.random() < LIT_SHARE * s else None
         chosen = rng.random()
         plain = whole and chosen < PLAIN_SHARE
-        pasted = plain or PLAIN_SHARE < chosen < PLAIN_SHARE + PASTED_SHARE * s
+        pasted = plain or PLAIN_SHARE < chosen < PLAIN_SHARE + self.pasted_share * s
         lit = crop if light is None else crop * light
         if not pasted or not self.surroundings or mask is None:
             return lit

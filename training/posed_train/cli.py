@@ -35,6 +35,14 @@ def main() -> None:
     onboarding.add_check(checking)
     checking.set_defaults(run=run_check)
 
+    making = commands.add_parser(
+        "novel-views", help="render an object's photos from beside, in other light, to learn from"
+    )
+    making.add_argument("settings", type=Path, help="train.toml; its `novel_views` names the folder")
+    making.add_argument("--data", type=Path, required=True, help="folder that the paths in train.toml start from")
+    making.add_argument("--per-photo", type=int, default=10)
+    making.set_defaults(run=lazily("run_novel_views"))
+
     packing = commands.add_parser("pack", help="copy what a keypoint net's training needs of a dataset, as small crops")
     packing.add_argument("settings", type=Path, help="train.toml")
     packing.add_argument("out", type=Path, help="new folder, to be given as --data")

@@ -4,11 +4,13 @@ import argparse
 import importlib.util
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from . import ablate, check, config, corrupt, cut_off, data, detector, export, pack, quantize, train, trust
+from .novel_views import dataset
 from .onboard.checking import conclude
 from .render import command as rendering
 from .size import parse_size
@@ -36,6 +38,19 @@ def run_check(arguments: argparse.Namespace) -> None:
         size = data.design(settings.network).input_size
         print(f"backgrounds: {len(data.read_backgrounds(arguments.data / settings.backgrounds, size))}")
     conclude(report.problems)
+
+
+def run_novel_views(arguments: argparse.Namespace) -> None:
+    settings = config.load(arguments.settings, config.KeypointConfig)
+    if not settings.novel_views:
+        raise ValueError(f"{arguments.settings}: set novel_views to the folder that they shall be in")
+    views = data.Views(replace(settings, novel_views=""), arguments.data)
+    made = dataset.make(views, settings, arguments.data, arguments.per_photo)
+    if not made:
+        raise ValueError(
+            f"no scene has {dataset.MIN_PHOTOS} photos that show all of the object, have masks, and are not held out"
+        )
+    print(f"{arguments.data / settings.novel_views}: {made} views")
 
 
 def run_pack(arguments: argparse.Namespace) -> None:

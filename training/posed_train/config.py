@@ -15,6 +15,7 @@ class KeypointConfig:
     obj_id: int
     photoreal: str | list[str]  # BOP splits
     rasterised: str | list[str] = ""  # BOP splits of fast renders; may be left out
+    novel_views: str = ""  # what `posed-train novel-views` makes of `photoreal`; may be left out
     validation: str = ""
     models: str = ""  # BOP models folder: for scores only
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
@@ -35,7 +36,7 @@ class KeypointConfig:
     steps: int = 12500
     stops_itself: bool = False  # ends sooner where held-out views no longer gain from more steps, see stopping.py
     batch: int = 32
-    photoreal_share: float = 0.5  # of every batch, if there are rasterised views
+    photoreal_share: float = 0.5  # of every batch, if there are rasterised or novel views
     learning_rate: float = 1.5e-3
     distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy
     scale_weight: float = 0.0  # of their common scale's error (px): depth hangs on it
@@ -44,12 +45,17 @@ class KeypointConfig:
     # stay those that training starts from; their normalisation still learns.
     frozen_statistics: bool = False  # the encoder normalises by the statistics that it starts with, and frozen parts
     # are held as a whole, which makes a step faster where they are the first ones
-    augmentation: float = 1.0  # strength for the first half; it falls to 0.4 of this by 80 % of the steps
+    augmentation: float = 1.0  # strength for the first half; it falls by 80 % of the steps...
+    final_augmentation: float = 0.4  # ... to so much of this: 1 where images to come are of other places
+    pasted_share: float = 0.5  # of the crops: the object before another background, at full strength
     seed: int = 1
 
     def __post_init__(self) -> None:
         if not 0 < self.photoreal_share <= 1:
             raise ValueError(f"photoreal_share {self.photoreal_share}: must be above 0 and at most 1")
+        for name in ("final_augmentation", "pasted_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} {getattr(self, name)}: must be from 0 to 1")
         if not 0 <= self.encoder_rate <= 1:
             raise ValueError(f"encoder_rate {self.encoder_rate}: must be from 0 to 1, a share of learning_rate")
         for name, axis in (("up", self.up), ("front", self.front)):

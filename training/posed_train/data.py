@@ -1,6 +1,6 @@
 """One object's views: registered, cut into patches, drawn into batches."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -44,7 +44,7 @@ class Views:
     def __init__(self, config: KeypointConfig, root: Path):
         photoreal = read_photoreal(config, root)
         rasterised = read_splits(config.rasterised, config, root, MIN_RASTERISED_PX)
-        self.all = photoreal + rasterised
+        self.all = photoreal + rasterised + read_novel_views(config, root)
         self.photoreal_count = len(photoreal)
         self.registration = register(self.all, config.poses, config.seed, config.keypoint_shape, config.keypoint_count)
         self.held_out = held_out(photoreal, self.registration, config)
@@ -161,6 +161,21 @@ def symmetry_motions(declared: list[list[float]], keypoints_from_object: np.ndar
 
 def read_photoreal(config: KeypointConfig, root: Path) -> list[bop.View]:
     return read_splits(config.photoreal, config, root)
+
+
+def read_novel_views(config: KeypointConfig, root: Path) -> list[bop.View]:
+    """As views of the scenes that they were made of: they share the frame of their cameras."""
+    folder = root / config.novel_views
+    if not config.novel_views:
+        return []
+    made_of = [split for split in splits(config.photoreal) if (folder / split).is_dir()]
+    if not made_of:
+        raise bop.DatasetError(f"{folder}: no novel views of {config.photoreal}; `posed-train novel-views` makes them")
+    return [
+        replace(view, split=str(root / split))
+        for split in made_of
+        for view in bop.read_views(folder / split, config.obj_id)
+    ]
 
 
 def read_splits(
@@ -297,7 +312,7 @@ class Batches(torch.utils.data.IterableDataset):
         offset, stride = (worker.id, worker.num_workers) if worker else (0, 1)
         for step in self.steps[offset::stride]:
             rng = np.random.default_rng([self.config.seed, step])
-            augment = Augmenter(self.backgrounds, rng, self.input_size, self.heights)
+            augment = Augmenter(self.backgrounds, rng, self.input_size, self.heights, self.config.pasted_share)
             augment.strength = self.strength(step)
             yield self.source.batch(self.config.batch, augment, rng)
 

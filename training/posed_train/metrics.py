@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 
 from . import bop
@@ -20,6 +19,8 @@ class Model:
 
 
 def load_model(path, info: dict) -> Model:
+    import trimesh  # a training without a mesh does without it, on a machine that may not have it
+
     vertices = np.asarray(trimesh.load(path, process=False).vertices) * 1e-3
     symmetric = bool(info.get("symmetries_discrete") or info.get("symmetries_continuous"))
     motions = bop.symmetry_motions(info.get("symmetries_discrete", []))

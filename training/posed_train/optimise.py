@@ -4,6 +4,7 @@ import copy
 import math
 import os
 from collections.abc import Sequence
+from itertools import compress
 from pathlib import Path
 
 import torch
@@ -92,10 +93,12 @@ class Run:
 def follow(average: nn.Module, model: nn.Module, step: int) -> None:
     """Moves the running average of the weights on; the average is what is validated and exported."""
     decay = min(AVERAGE_DECAY, (step + 1) / (step + 10))
-    for mean, current in zip(average.state_dict().values(), model.state_dict().values()):
-        if mean.dtype.is_floating_point:
-            mean.lerp_(current, 1 - decay)
-        else:
+    means, values = list(average.state_dict().values()), list(model.state_dict().values())
+    floats = [mean.dtype.is_floating_point for mean in means]
+    # All at once: on a GPU, a call for each of hundreds of weights takes longer than the step.
+    torch._foreach_lerp_(list(compress(means, floats)), list(compress(values, floats)), 1 - decay)
+    for mean, current, is_float in zip(means, values, floats):
+        if not is_float:
             mean.copy_(current)
 
 

@@ -29,7 +29,7 @@ def pack(config: KeypointConfig, data: Path, out: Path) -> int:
     input_size = design(config.network).input_size
     scenes = defaultdict(list)
     for view, place in places(config, data):
-        scenes[Path(view.split).relative_to(data) / view.scene].append((view, place.scaled(PATCH_SCALE)))
+        scenes[view.image_path.parents[1].relative_to(data)].append((view, place.scaled(PATCH_SCALE)))
     # As many pixels as training will want of them.
     size = round(PATCH_PER_INPUT * input_size)
     for scene, views in tqdm(scenes.items(), desc=config.name, unit="scene"):

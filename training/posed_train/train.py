@@ -37,7 +37,6 @@ SETTLE_BATCHES = 16
 COMPARISONS = 10
 """Of a training's nets on held-out views, if there are that many within its limits."""
 COMPARE_EVERY = 50, 1000
-FINAL_AUGMENTATION = 0.4
 LOSSES = ("component", "pairwise", "registration")
 progress_line: int | None = None
 """Of the terminal, counted from where it is, where several trainings show their progress."""
@@ -301,7 +300,7 @@ def load(source: Data | Pairs, data: Data, config: KeypointConfig, trainer: Trai
     cooling = trainer.cooling
 
     def strength(step: int) -> float:
-        return config.augmentation * augmentation_fade(step, config.steps, cooling)
+        return config.augmentation * augmentation_fade(step, config.steps, config.final_augmentation, cooling)
 
     batches = Batches(source, data, config, range(trainer.step, trainer.end), strength)
     # Forked, so that workers share the patches and need no copy of `strength`.
@@ -323,13 +322,13 @@ def join_components(config: KeypointConfig, views: Views, model: KeypointNet) ->
     return count
 
 
-def augmentation_fade(step: int, steps: int, cooling: tuple[int, int] | None = None) -> float:
-    """1 for half of the training, then falling to FINAL_AUGMENTATION; where it ends sooner, within half of that."""
+def augmentation_fade(step: int, steps: int, final: float, cooling: tuple[int, int] | None = None) -> float:
+    """1 for half of the training, then falling to `final`; where it ends sooner, within half of that."""
     if cooling is not None and step >= cooling[0]:
         first, last = cooling
-        start = augmentation_fade(first, steps)
-        return start - (start - FINAL_AUGMENTATION) * min(1.0, 2 * (step - first) / (last - first))
-    return 1 - (1 - FINAL_AUGMENTATION) * max(0.0, min(1.0, (step / steps - 0.5) / 0.3))
+        start = augmentation_fade(first, steps, final)
+        return start - (start - final) * min(1.0, 2 * (step - first) / (last - first))
+    return 1 - (1 - final) * max(0.0, min(1.0, (step / steps - 0.5) / 0.3))
 
 
 class Validator:

@@ -129,6 +129,6 @@ def test_the_rate_falls_from_where_it_is_to_an_early_end():
 
 
 def test_crops_vary_less_towards_an_early_end():
-    fades = [augmentation_fade(step, 1000, (300, 500)) for step in (0, 299, 300, 350, 400, 499)]
+    fades = [augmentation_fade(step, 1000, 0.4, (300, 500)) for step in (0, 299, 300, 350, 400, 499)]
     assert fades == [1, 1, 1, pytest.approx(0.7), pytest.approx(0.4), pytest.approx(0.4)]
-    assert augmentation_fade(450, 1000) == 1 and augmentation_fade(800, 1000) == pytest.approx(0.4)
+    assert augmentation_fade(450, 1000, 0.4) == 1 and augmentation_fade(800, 1000, 0.4) == pytest.approx(0.4)

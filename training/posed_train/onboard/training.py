@@ -6,7 +6,7 @@ import os
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 
@@ -17,7 +17,9 @@ from .. import train as training
 from ..bop import DatasetError, View, read_json, read_views
 from ..check import check
 from ..config import DetectorConfig, KeypointConfig
+from ..data import Views
 from ..held_out import look
+from ..novel_views import dataset
 from ..spread import in_words
 from . import project as projects
 from . import result as results
@@ -29,6 +31,10 @@ from .symmetry import motions
 from .weak import advice
 
 SCENES = ("camera", "gt", "gt_info")
+NOVEL_VIEWS = "novel-views"
+PER_PHOTO = 8
+PHOTOREAL_SHARE = 0.4
+"""Of every batch; the rest are novel views."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> No
     work = [(project, item, ready(project, item)) for project in loaded for item in project.items]
     for project, item, views in work:
         find_backgrounds(project, item, views)
+        make_novel_views(project, item, plan)
     train_all(work, plan, init)
     train_detector(work, plan)
     folders = " ".join(dict.fromkeys(str(project.folder) for project in loaded))
@@ -106,17 +113,38 @@ def find_backgrounds(project: Project, item: Item, views: list[View]) -> None:
     print(f"{item.name}: {count} backgrounds")
 
 
-def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan, init: Path | None) -> None:
-    settings = KeypointConfig(
+def make_novel_views(project: Project, item: Item, plan: Plan) -> None:
+    settings = replace(settings_of(project, item, plan), novel_views="")
+    views = Views(settings, project.folder)
+    settings = replace(settings, novel_views=f"{NOVEL_VIEWS}/{item.name}")
+    try:
+        count = dataset.make(views, settings, project.folder, PER_PHOTO)
+    except DatasetError as error:
+        print(f"warning: {item.name}: no novel views: {error}")
+        return
+    few = f"none, for want of {dataset.MIN_PHOTOS} photos of a scene that show all of it, with masks"
+    print(f"{item.name}: novel views: {count or few}")
+
+
+def settings_of(project: Project, item: Item, plan: Plan) -> KeypointConfig:
+    folder = f"{NOVEL_VIEWS}/{item.name}"
+    made = any((project.folder / folder / SPLIT).glob("*/made_of.json"))
+    return KeypointConfig(
         name=item.name,
         obj_id=item.obj_id,
         photoreal=SPLIT,
+        novel_views=folder if made else "",
+        photoreal_share=PHOTOREAL_SHARE,
         poses="camera",
         backgrounds="backgrounds",
         symmetries_discrete=motions(item.symmetries),
         steps=plan.steps,
         stops_itself=plan.stops_itself,
     )
+
+
+def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan, init: Path | None) -> None:
+    settings = settings_of(project, item, plan)
     out, before = run_folders(project, item, views)
     init = init or before
     net, placed, _, step, last = training.train(settings, project.folder, out, init, plan.workers)
