@@ -90,7 +90,7 @@ hot-add: onnxruntime ## Prints what it costs to add an object to a server that i
 soak: onnxruntime ## Good, bad, slow and hostile clients at once for SOAK_MINUTES (30); writes docs/benchmarks/soak.md.
 	POSED_BENCH_OUT=docs/benchmarks/soak.md cargo bench --locked --bench soak
 
-FUZZ := bundle camera dataset image manifest ply protobuf raw request
+FUZZ := bundle camera dataset form image manifest ply protobuf raw request
 FUZZ_SECONDS := 15
 fuzz: ## Fuzzes every reader of bytes from outside, each for FUZZ_SECONDS.
 	@scripts/fuzz.sh $(FUZZ_SECONDS) $(FUZZ)

@@ -2,23 +2,32 @@
 
 use prost::Message as _;
 
-use super::api::json::{BatchRequest, EstimateRequest, ReferenceRequest, ViewsForm};
+use super::api::json::{BatchRequest, EstimateRequest, ReferenceRequest, ViewsForm, read_request};
 use super::api::proto;
 
 /// Reads the part `request` of a form, of every kind.
 pub fn json_request(bytes: &[u8]) {
-    if let Ok(request) = serde_json::from_slice::<EstimateRequest>(bytes) {
+    if let Ok(request) = read_request::<EstimateRequest>(bytes) {
         drop(request.translate());
     }
-    if let Ok(batch) = serde_json::from_slice::<BatchRequest>(bytes) {
+    if let Ok(batch) = read_request::<BatchRequest>(bytes) {
         drop(batch.for_each(2));
     }
-    if let Ok(request) = serde_json::from_slice::<ReferenceRequest>(bytes) {
+    if let Ok(request) = read_request::<ReferenceRequest>(bytes) {
         drop(request.views(vec![bytes::Bytes::new()]));
     }
-    if let Ok(request) = serde_json::from_slice::<ViewsForm>(bytes) {
+    if let Ok(request) = read_request::<ViewsForm>(bytes) {
         drop(request.translate());
     }
+}
+
+/// Reads a form with the boundary `b`.
+///
+/// # Panics
+/// When no runtime can be had.
+pub fn form(bytes: &[u8]) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+    runtime.block_on(super::http::fuzz_form(bytes));
 }
 
 /// Reads a message of the gRPC API.

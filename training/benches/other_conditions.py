@@ -1,5 +1,5 @@
-"""Scores a keypoint net on held-out photos of an object as they are and under conditions that training did not have: before
-other backgrounds, in light of other temperatures, under other lamps, from nearer. And in another room, if there are photos.
+"""Scores a keypoint net on held-out photos of an object, as they are and under conditions that training did not have:
+before other backgrounds, in light of other temperatures, under other lamps, from nearer. And in another room.
 
     .venv/bin/python -m benches.other_conditions SETTINGS CHECKPOINT --data DATA --held-out SPLIT --backgrounds PHOTOS
         [--room SPLIT --learned SPLIT]
@@ -135,14 +135,16 @@ def main() -> None:
     print("| photos | number | 5°5cm, % | rotation, median ° | translation, median mm | depth, median % |")
     print("|" + "---|" * 6)
     if arguments.held_out is not None:
-        component_from_keypoints = views.registration.components[0].component_from_keypoints
+        component = views.registration.components[0]
+        known = views.all[component.views[0]].camera_from_world
+        world_from_keypoints = np.linalg.inv(known) @ views.registration.placed[component.views[0]]
         held_out = bop.read_views(arguments.held_out, settings.obj_id)
         with TemporaryDirectory() as folder:
             for name, copies in conditions(
                 held_out, read_backgrounds(arguments.backgrounds, RENDERED_PX), Path(folder)
             ):
                 found = [solve_pose(keypoints, one) for one in predict_views(net, copies)]
-                true = [view.camera_from_world @ component_from_keypoints for view in copies]
+                true = [view.camera_from_world @ world_from_keypoints for view in copies]
                 print(f"| {name} {figures(found, true)}", flush=True)
     if arguments.room is not None:
         score_room(net, keypoints, arguments.room, arguments.learned, settings.obj_id)

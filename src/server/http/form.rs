@@ -165,3 +165,13 @@ fn of_source(error: &(dyn Error + 'static)) -> Option<Failure> {
     }
     None
 }
+
+/// A form of at most two images, as an upload brings it.
+#[cfg(fuzzing)]
+pub(in crate::server) async fn fuzz_form(bytes: &[u8]) {
+    let request = Request::builder().header(header::CONTENT_TYPE, "multipart/form-data; boundary=b");
+    let Ok(request) = request.body(axum::body::Body::from(bytes.to_vec())) else { return };
+    let limit = ImageLimit { most: 2, setting: "max_batch_images" };
+    let soon = Instant::now() + std::time::Duration::from_secs(5);
+    let _ = read_form::<crate::server::api::json::EstimateRequest>(limit, request, soon).await;
+}

@@ -17,5 +17,7 @@ mod timeout;
 mod upload;
 mod views;
 
+#[cfg(fuzzing)]
+pub(super) use form::fuzz_form;
 pub(super) use routes::FRONT_END;
 pub use routes::openapi;
