@@ -17,6 +17,8 @@ const TARGETS: [&str; 12] = [
     "tower",
     "tower_http",
 ];
+/// The parts of `posed` that a filter may name.
+const PARTS: [&str; 5] = ["commands", "estimator", "model", "server", "vision"];
 const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
 const MAX_BYTES: usize = 1024;
 
@@ -36,6 +38,10 @@ fn check(part: &str) -> Result<(), String> {
             let known = target.split("::").next().unwrap_or_default();
             if !TARGETS.contains(&known) {
                 return Err(format!("unknown target {target:?}; use one of {}", TARGETS.join(", ")));
+            }
+            let part = target.strip_prefix("posed::").and_then(|path| path.split("::").next());
+            if part.is_some_and(|part| !PARTS.contains(&part)) {
+                return Err(format!("unknown target {target:?}; posed has the parts {}", PARTS.join(", ")));
             }
             level
         }
@@ -62,6 +68,7 @@ mod tests {
             ("debgu", "\"debgu\" is not a level"),
             ("", "\"\" is not a level"),
             ("info,posd=debug", "unknown target \"posd\""),
+            ("info,posed::nonsense::x=debug", "unknown target \"posed::nonsense::x\""),
             ("posed=loud", "\"loud\" is not a level"),
             ("info,", "\"\" is not a level"),
             ("[request{id=\"(a+)+$\"}]=trace", "unknown target"),
