@@ -1,5 +1,6 @@
 """What other cameras would see of an object, against an ellipsoid of which that is known."""
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -102,6 +103,11 @@ def test_new_views_share_the_frame_of_their_photos(egg):
     made = file.stat().st_mtime_ns
     assert dataset.make(before, SETTINGS, egg, 2) == count and file.stat().st_mtime_ns == made
     assert dataset.make(before, SETTINGS, egg, 1) == count // 2
+    once = json.loads((egg / "new/train/000000/made_of.json").read_text())
+    with (egg / "train/000000/mask_visib/000001_000000.png").open("ab") as mask:
+        mask.write(b"another")
+    dataset.make(before, SETTINGS, egg, 1)
+    assert json.loads((egg / "new/train/000000/made_of.json").read_text()) != once
 
 
 def test_without_masks_or_with_few_photos_there_are_none(egg, tmp_path):

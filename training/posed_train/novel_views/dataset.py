@@ -1,5 +1,6 @@
 """Writes novel views as a BOP split, for `novel_views` in `train.toml`."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..agreement import image_sizes
-from ..bop import pose_entry, write_annotations, write_mask, write_rgb
+from ..bop import View, pose_entry, write_annotations, write_mask, write_rgb
 from ..config import KeypointConfig
 from ..crops import PATCH_PER_INPUT
 from ..data import Views, read_backgrounds
@@ -39,7 +40,7 @@ def make(views: Views, config: KeypointConfig, root: Path, per_photo: int) -> in
             continue
         first = views.all[members[0]]
         folder = out / Path(first.split).relative_to(root) / first.scene
-        made_of = [*sorted(str(views.all[index].image_path.relative_to(root)) for index in members), str(per_photo)]
+        made_of = describe([views.all[index] for index in members], [poses[index] for index in members], per_photo)
         note = folder / "made_of.json"
         if note.exists() and json.loads(note.read_text()) == made_of:
             count += len(list((folder / "rgb").iterdir()))
@@ -59,6 +60,15 @@ def make(views: Views, config: KeypointConfig, root: Path, per_photo: int) -> in
         note.write_text(json.dumps(made_of))
         count += len(new)
     return count
+
+
+def describe(views: Sequence[View], poses: Sequence[np.ndarray], per_photo: int) -> dict[str, str | int]:
+    """What new views are made of: others are made where photos, masks or poses change."""
+    content = hashlib.sha256()
+    for view, pose in zip(views, poses):
+        for part in (view.image_path.read_bytes(), view.mask_path.read_bytes(), view.camera_matrix, pose.round(9)):
+            content.update(part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes())
+    return {"photos": len(views), "per_photo": per_photo, "sha256": content.hexdigest()}
 
 
 def usable(views: Views, indices: Sequence[int]) -> list[int]:
