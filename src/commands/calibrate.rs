@@ -127,9 +127,13 @@ impl Calibrate {
         if let Some(scale) = scale.filter(|_| self.fit_scale) {
             reference = self.calibrate(&measured, scale.value)?;
         }
-        print(&reference);
-        self.tell_scale(scale)?;
+        // First, since whoever reads what follows may leave.
+        let told = self.scale_in_words(scale)?;
         References::write(&self.models.reference, &reference, &files)?;
+        print(&reference);
+        if let Some(told) = told {
+            say!("{told}");
+        }
         say!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
         Ok(())
     }
@@ -155,7 +159,7 @@ impl Calibrate {
         Ok(calibrate(model, views, CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin })?)
     }
 
-    fn tell_scale(&self, scale: Option<Scale>) -> Result<(), String> {
+    fn scale_in_words(&self, scale: Option<Scale>) -> Result<Option<String>, String> {
         let Some(scale) = scale else {
             if self.fit_scale {
                 return Err(
@@ -164,15 +168,14 @@ impl Calibrate {
                         .into(),
                 );
             }
-            return Ok(());
+            return Ok(None);
         };
         let verdict = match (scale.is_off(), self.fit_scale) {
             (_, true) => "stored",
             (true, false) => "differs from 1 by more than 3 sigma; add --fit-scale to store it",
             (false, false) => "1 within 3 sigma",
         };
-        say!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma);
-        Ok(())
+        Ok(Some(format!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma)))
     }
 
     fn known(&self, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {

@@ -4,14 +4,13 @@ use std::fmt::Arguments;
 use std::io::{ErrorKind, Write as _, stdout};
 use std::process::exit;
 
-/// Prints text. Ends the program, quietly where the reader has left.
+/// Prints text. Where the reader has left, nothing is printed any more, and the work goes on; other errors end the program.
 pub(super) fn print(text: Arguments<'_>) {
     let Err(error) = stdout().write_fmt(text) else { return };
-    if error.kind() == ErrorKind::BrokenPipe {
-        exit(0);
+    if error.kind() != ErrorKind::BrokenPipe {
+        eprintln!("posed: cannot write to the standard output: {error}");
+        exit(1)
     }
-    eprintln!("posed: cannot write to the standard output: {error}");
-    exit(1)
 }
 
 /// [`print`] with the end of a line.

@@ -83,7 +83,7 @@ pub fn calibrate(
     if let Some((view, _)) = agreeing.filter(|_| !far_origin) {
         meant((view, &averaged.offset))?;
     }
-    no_image_twice(&views)?;
+    no_image_twice(&views, diameter_m)?;
     let method = Method::of(views.len(), mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
         image: view.file,
@@ -103,10 +103,16 @@ pub fn calibrate(
     })
 }
 
-/// Whatever poses are stated for it: several copies of an object in one image have boxes of their own.
-fn no_image_twice(views: &[MeasuredView]) -> Result<(), StatedPoseError> {
+/// Several copies of an object in one image have boxes of their own, and are not within each other.
+fn no_image_twice(views: &[MeasuredView], diameter_m: f64) -> Result<(), StatedPoseError> {
     for (index, view) in views.iter().enumerate() {
-        let same = |other: &&MeasuredView| other.file == view.file && other.region.overlap(&view.region) > SAME_BOX;
+        let apart_m = |other: &MeasuredView| {
+            (other.camera_from_object.translation() - view.camera_from_object.translation()).norm()
+        };
+        let same = |other: &&MeasuredView| {
+            let in_one_place = || apart_m(other) < diameter_m / 4.0;
+            other.file == view.file && (other.region.overlap(&view.region) > SAME_BOX || in_one_place())
+        };
         if views[..index].iter().any(|other| same(&other)) {
             return Err(StatedPoseError::SameImage { file: view.file.clone(), box_px: view.region.into() });
         }

@@ -2,12 +2,13 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Stdio;
 
 use posed_core::geometry::Pose;
 use serde_json::{Value, json};
 
 use crate::SCENE;
-use crate::support::{assert_within, copy_of, explanation, run, samples};
+use crate::support::{assert_within, copy_of, explanation, posed, run, samples};
 
 /// A calibration on an image that is not among the shipped references works, too.
 #[test]
@@ -80,6 +81,18 @@ fn calibrate_guesses_what_is_wrong_with_a_pose() {
     }
     assert!(attempt(&[right], &[]).status.success());
     assert!(attempt(&[moved(1.0, [0.2, 0.0, 0.0])], &["--far-origin"]).status.success());
+}
+
+/// Who reads what a command prints may leave; what it was to write is written all the same.
+#[test]
+fn a_reference_is_written_for_a_reader_that_leaves() {
+    let folder = tempfile::tempdir().unwrap();
+    let reference = folder.path().join("reference");
+    let arguments = ["calibrate", "cube", "--scene", SCENE, "--image", "0", "--reference", reference.to_str().unwrap()];
+    let mut child = posed(&arguments).stdout(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+    assert!(reference.join("cube.json").exists());
 }
 
 /// A scene of the same picture in several files that differ; its objects' stated poses are shifted by these lengths (mm).

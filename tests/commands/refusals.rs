@@ -37,7 +37,7 @@ fn damaged_models_are_named() {
     damage("cube/object.json", &replace("\"kind\": \"keypoints\"", "\"kind\": \"heatmaps\""), "has shape");
 }
 
-/// As `posed check | head -1` does.
+/// As in `posed check | head -1`.
 #[test]
 fn a_reader_that_leaves_ends_a_command_quietly() {
     for arguments in [&["objects", "list"][..], &["serve", "--print-config"], &["completions", "bash"]] {

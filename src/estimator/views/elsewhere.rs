@@ -50,24 +50,25 @@ fn shows(seen: &Seen<'_>, world_point: &Vector3<f64>) -> bool {
     seen.optics.project(&in_camera).is_ok_and(|pixel| within(pixel.x, seen.size.0) && within(pixel.y, seen.size.1))
 }
 
-/// What a view alone shows is as doubtful as the view: where it contradicts the others in all that they see, too, its camera
-/// stood elsewhere. `fused` are those of all kinds, doubted as above.
+/// What a view alone shows is as doubtful as the view: where it contradicts the others in as much as it bears out, its
+/// camera stood elsewhere. `fused` are those of all kinds, doubted as above.
 pub(super) fn doubt_lone(fused: &mut [FusedPose]) {
     let used =
         |pose: &FusedPose| pose.views.iter().filter(|share| share.left_out.is_none()).map(|share| share.view).collect();
     let with_use: Vec<Vec<usize>> = fused.iter().map(used).collect();
-    let agreeing: BTreeSet<usize> = with_use.iter().filter(|views| views.len() > 1).flatten().copied().collect();
-    let disputed: BTreeSet<usize> = fused
-        .iter()
-        .zip(&with_use)
-        .filter(|(pose, _)| pose.verdict.reasons.contains(Reason::ViewsDisagree))
-        .flat_map(|(pose, views)| {
-            let alone = views.len() < 2;
-            let against = move |share: &&ViewShare| alone || share.left_out == Some(LeftOut::Contradicts);
-            pose.views.iter().filter(against).map(|share| share.view)
-        })
-        .filter(|view| !agreeing.contains(view))
-        .collect();
+    let disputes = |view: usize| {
+        let of = |(pose, views): &(&FusedPose, &Vec<usize>)| {
+            let against = |share: &ViewShare| {
+                share.view == view && (views.len() < 2 || share.left_out == Some(LeftOut::Contradicts))
+            };
+            pose.verdict.reasons.contains(Reason::ViewsDisagree) && pose.views.iter().any(against)
+        };
+        fused.iter().zip(&with_use).filter(of).count()
+    };
+    let agreements = |view: usize| with_use.iter().filter(|views| views.len() > 1 && views.contains(&view)).count();
+    let views: BTreeSet<usize> = with_use.iter().flatten().copied().collect();
+    let disputed: BTreeSet<usize> =
+        views.into_iter().filter(|view| disputes(*view) > 0 && disputes(*view) >= agreements(*view)).collect();
     for (pose, views) in fused.iter_mut().zip(with_use) {
         if matches!(views[..], [only] if disputed.contains(&only)) {
             pose.verdict.object(Reason::ViewsDisagree, Status::LowConfidence);

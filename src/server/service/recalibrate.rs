@@ -81,7 +81,8 @@ impl Service {
             self.catalogue().references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
-        for (view, (_, camera_from_object)) in views.into_iter().zip(stated) {
+        let several = views.len() > 1;
+        for (index, (view, (_, camera_from_object))) in views.into_iter().zip(stated).enumerate() {
             let file = file_name(&object, &view.image);
             let camera = self.camera(view.camera)?;
             let work = ReferenceWork {
@@ -93,7 +94,11 @@ impl Service {
                 keypoints_scale,
                 deadline,
             };
-            let (region, solution) = self.queue.measure(work).await?;
+            let of_image = |error: QueueError| {
+                let Failure { kind, message } = error.into();
+                Failure::new(kind, if several { format!("image {index}: {message}") } else { message })
+            };
+            let (region, solution) = self.queue.measure(work).await.map_err(of_image)?;
             measured.push(MeasuredView {
                 file: file.clone(),
                 camera,

@@ -169,6 +169,7 @@ mod tests {
         for at in &scans[1..] {
             assert!(check(&[&whole[..*at], &[0xFF, 0xD9]].concat()).is_err(), "cut at {at}");
         }
+        assert!(check(&[&whole[..scans[0]], &whole[scans[1]..]].concat()).is_err(), "without its first scan");
     }
 
     /// What is left of a packet's surroundings may by chance be as many blocks as there were: the rest of the picture is then

@@ -53,6 +53,14 @@ impl Scan {
         if !possible {
             return Err(format!("a scan is about coefficients {first} to {last} of {count} components").into());
         }
+        let band = usize::from(first)..=usize::from(last);
+        let before = approximation >> 4;
+        let unknown = |part: &Part| {
+            frame.components[part.component].missing_bits[band.clone()].iter().any(|bits| *bits != before)
+        };
+        if before > 0 && parts.iter().any(unknown) {
+            return Err("a scan refines coefficients that no scan before it has".into());
+        }
         Ok(Self { parts, first, last, refines: approximation >> 4 > 0, missing_bits: approximation & 15 })
     }
 
