@@ -68,7 +68,7 @@ pub(super) fn doubt_lone(fused: &mut [FusedPose]) {
     let agreements = |view: usize| with_use.iter().filter(|views| views.len() > 1 && views.contains(&view)).count();
     let views: BTreeSet<usize> = with_use.iter().flatten().copied().collect();
     let disputed: BTreeSet<usize> =
-        views.into_iter().filter(|view| disputes(*view) > 0 && disputes(*view) >= agreements(*view)).collect();
+        views.into_iter().filter(|view| disputes(*view) >= agreements(*view).max(1)).collect();
     for (pose, views) in fused.iter_mut().zip(with_use) {
         if matches!(views[..], [only] if disputed.contains(&only)) {
             pose.verdict.object(Reason::ViewsDisagree, Status::LowConfidence);

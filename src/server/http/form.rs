@@ -12,7 +12,7 @@ use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
 use serde::de::DeserializeOwned;
 
-use super::upload::{Admitted, UploadError};
+use super::upload::{Admitted, UploadError, source_of};
 use crate::server::api::json::read_request;
 use crate::server::service::{Failure, FailureKind, MAX_JSON_BYTES, Service};
 
@@ -156,14 +156,7 @@ pub(super) fn of_body(error: &axum::Error) -> Failure {
 
 /// What stopped a body, somewhere under what its readers say.
 fn of_source(error: &(dyn Error + 'static)) -> Option<Failure> {
-    let mut next = Some(error);
-    while let Some(error) = next {
-        if let Some(stopped) = error.downcast_ref::<UploadError>() {
-            return Some(stopped.into());
-        }
-        next = error.source();
-    }
-    None
+    source_of::<UploadError>(error).map(Failure::from)
 }
 
 /// A form of at most two images, as an upload brings it.

@@ -240,13 +240,11 @@ impl From<&UploadError> for Failure {
 
 /// Whether it is the connection that ended, and not the body that is malformed.
 fn has_left(error: &axum::Error) -> bool {
-    let mut next: Option<&(dyn Error + 'static)> = Some(error);
-    while let Some(error) = next {
-        if let Some(error) = error.downcast_ref::<io::Error>() {
-            let kinds = [ErrorKind::UnexpectedEof, ErrorKind::ConnectionReset, ErrorKind::ConnectionAborted];
-            return kinds.contains(&error.kind());
-        }
-        next = error.source();
-    }
-    false
+    let kinds = [ErrorKind::UnexpectedEof, ErrorKind::ConnectionReset, ErrorKind::ConnectionAborted];
+    source_of::<io::Error>(error).is_some_and(|error| kinds.contains(&error.kind()))
+}
+
+/// The first error of this type among an error and its sources.
+pub(super) fn source_of<'a, T: Error + 'static>(error: &'a (dyn Error + 'static)) -> Option<&'a T> {
+    std::iter::successors(Some(error), |&error| error.source()).find_map(|error| error.downcast_ref())
 }

@@ -76,9 +76,9 @@ def surface(shape: Shape, camera_matrix: np.ndarray, pose: np.ndarray, size: int
     rays = np.column_stack([grid, np.ones(len(grid))]) @ np.linalg.inv(camera_matrix).T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rays = rays @ pose[:3, :3]
-    origin = -pose[:3, :3].T @ pose[:3, 3]
-    along = rays @ (shape.middle - origin)
-    beside = np.linalg.norm(origin + along[:, None] * rays - shape.middle, axis=1)
+    eye = origin(pose)
+    along = rays @ (shape.middle - eye)
+    beside = np.linalg.norm(eye + along[:, None] * rays - shape.middle, axis=1)
     waiting = np.flatnonzero(beside < shape.radius)
     start = along - np.sqrt(np.maximum(shape.radius**2 - beside**2, 0))
     depth = np.full(len(grid), np.nan)
@@ -86,13 +86,18 @@ def surface(shape: Shape, camera_matrix: np.ndarray, pose: np.ndarray, size: int
         if not len(waiting):
             break
         reached = start[waiting] + step
-        met = shape.at(shape.full, origin + reached[:, None] * rays[waiting]) > 0.5
+        met = shape.at(shape.full, eye + reached[:, None] * rays[waiting]) > 0.5
         depth[waiting[met]] = reached[met]
         waiting = waiting[~met & (reached < start[waiting] + 2 * shape.radius)]
     hit = np.isfinite(depth)
     near, far = depth[hit] - STRIDE * shape.pitch, depth[hit]
     for _ in range(HALVINGS):
         middle = (near + far) / 2
-        met = shape.at(shape.full, origin + middle[:, None] * rays[hit]) > 0.5
+        met = shape.at(shape.full, eye + middle[:, None] * rays[hit]) > 0.5
         near, far = np.where(met, near, middle), np.where(met, middle, far)
-    return origin + far[:, None] * rays[hit], hit.reshape(size, size)
+    return eye + far[:, None] * rays[hit], hit.reshape(size, size)
+
+
+def origin(camera_from_component: np.ndarray) -> np.ndarray:
+    """Where the camera is, `[3]`."""
+    return -camera_from_component[:3, :3].T @ camera_from_component[:3, 3]

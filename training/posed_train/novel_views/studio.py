@@ -15,7 +15,7 @@ from ..bop import DatasetError, View, read_mask, read_rgb
 from ..crops import Square
 from ..registration import project
 from .relight import relight
-from .shape import carve, surface
+from .shape import carve, origin, surface
 
 DEPTH_PX = 160
 """Side of a photo's depth map."""
@@ -138,11 +138,6 @@ class Studio:
         rgb = cv2.inpaint(rgb, holes, 3, cv2.INPAINT_TELEA)
         box = tuple(float(value) for value in cv2.boundingRect(mask))
         return NewView(rgb, cv2.GaussianBlur(mask, (0, 0), 0.7), matrix, pose, box)
-
-
-def origin(camera_from_component: np.ndarray) -> np.ndarray:
-    """Where the camera is, `[3]`."""
-    return -camera_from_component[:3, :3].T @ camera_from_component[:3, 3]
 
 
 def look_up(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:

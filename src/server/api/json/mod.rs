@@ -16,20 +16,6 @@ use serde::Deserialize;
 
 use crate::server::service::Failure;
 
-/// The part `request` of a form; what cannot be read is named by its path.
-pub(crate) fn read_request<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Failure> {
-    let bad = |place: &str, error: &serde_json::Error| Failure::invalid(format!("part 'request': {place}{error}"));
-    let mut json = serde_json::Deserializer::from_slice(text);
-    let request = serde_path_to_error::deserialize(&mut json).map_err(|error| {
-        let path = error.path().to_string();
-        // What is wrong with all of it has the path ".".
-        let place = if path.starts_with('.') { String::new() } else { format!("field '{path}': ") };
-        bad(&place, error.inner())
-    })?;
-    json.end().map_err(|error| bad("", &error))?;
-    Ok(request)
-}
-
 pub(crate) use errors::{ErrorBody, ErrorDetail};
 pub(crate) use forms::{CameraForm, RawForm};
 pub(crate) use info::{LimitsReport, ObjectReport, ReferenceReport};
@@ -45,3 +31,17 @@ pub use transform::{PlacedReport, TransformReport};
 pub use trust::{ReasonForm, StatusForm};
 pub(crate) use views::ViewsForm;
 pub use views::{FusedReport, LeftOutForm, ScaleReport, ViewReport, ViewShareReport, ViewsReport};
+
+/// The part `request` of a form; what cannot be read is named by its path.
+pub(crate) fn read_request<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Failure> {
+    let bad = |place: &str, error: &serde_json::Error| Failure::invalid(format!("part 'request': {place}{error}"));
+    let mut json = serde_json::Deserializer::from_slice(text);
+    let request = serde_path_to_error::deserialize(&mut json).map_err(|error| {
+        let path = error.path().to_string();
+        // What is wrong with all of it has the path ".".
+        let place = if path.starts_with('.') { String::new() } else { format!("field '{path}': ") };
+        bad(&place, error.inner())
+    })?;
+    json.end().map_err(|error| bad("", &error))?;
+    Ok(request)
+}
