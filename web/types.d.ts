@@ -296,6 +296,8 @@ export interface components {
              */
             box_px?: number[] | null;
         };
+        /** @description One pair of images, or several. */
+        ClickedPairs: components["schemas"]["ClickedPair"] | components["schemas"]["ClickedPair"][];
         /** @description Where the object is: as the detector found it, or as the request says. */
         DetectionReport: {
             /** @description Box of the visible part of the object: x, y, width, height in pixels. */
@@ -725,7 +727,7 @@ export interface components {
         ReferenceRequest: {
             /** @description One entry for each part `image`, in the same order. */
             references?: components["schemas"]["ReferenceImage"][] | null;
-            clicks?: components["schemas"]["ClickedPair"] | null;
+            clicks?: components["schemas"]["ClickedPairs"] | null;
             /**
              * @description How several images are averaged: `weighted` (default) weights each image by its information, `paper` does not.
              * @example weighted
@@ -1615,7 +1617,7 @@ export interface operations {
             };
             cookie?: never;
         };
-        /** @description A form with one part `image` for each reference image and one part `request` (a `ReferenceRequest`). With `clicks`, the first of the two images is the reference image, and the only part `image` */
+        /** @description A form with one part `image` for each reference image and one part `request` (a `ReferenceRequest`). With `clicks`, the first image of each pair is a reference image, and the second is not sent */
         requestBody: {
             content: {
                 "multipart/form-data": components["schemas"]["ReferenceRequest"];

@@ -8,7 +8,8 @@ use posed_core::geometry::Pose;
 use serde_json::{Value, json};
 
 use crate::SCENE;
-use crate::support::{assert_within, copy_of, explanation, posed, run, samples};
+use crate::clicked::ClickedCube;
+use crate::support::{assert_within, copy_of, explanation, posed, root, run, samples};
 
 /// A calibration on an image that is not among the shipped references works, too.
 #[test]
@@ -317,42 +318,22 @@ fn calibrate_takes_known_poses_and_clicks() {
 /// Two pairs of one scene make a reference of two views, each measured by itself.
 #[test]
 fn calibrate_takes_several_pairs_of_images() {
-    let read = |name: &str| -> Value {
-        serde_json::from_slice(&fs::read(crate::support::root().join("samples").join(name)).unwrap()).unwrap()
-    };
-    let pose = |json: &Value| {
-        let numbers = |field: &str| json[field].clone();
-        let rotation = serde_json::from_value(numbers("rotation_xyzw")).unwrap();
-        Pose::from_quaternion_xyzw(rotation, serde_json::from_value(numbers("translation_m")).unwrap()).unwrap()
-    };
-    let stated = |pose: &Pose| json!({"rotation_xyzw": pose.rotation_xyzw(), "translation_m": pose.translation_m()});
-    let known = read("scene/poses.json");
-    let rig_from_cube = pose(known.as_array().unwrap().iter().find(|known| known["object"] == "cube").unwrap());
-    let cameras = crate::support::scene_cameras();
+    let cube = ClickedCube::new();
     let views: Vec<String> = (1..=3)
-        .map(|view| crate::support::root().join(format!("samples/scene/view-{view}.jpg")).to_str().unwrap().to_owned())
+        .map(|view| root().join(format!("samples/scene/view-{view}.jpg")).to_str().unwrap().to_owned())
         .collect();
-    let from_cube: Vec<Pose> = cameras.iter().map(|camera| pose(camera).inverse() * rig_from_cube).collect();
-    let camera: Value = read("demo.camera.json");
-    let lens: posed_core::geometry::Camera = serde_json::from_value(camera.clone()).unwrap();
     let box_of = |view: &str| {
         let output = run(&["estimate", view, "--camera", "samples/demo.camera.json", "--json"]);
         let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
         let poses = answer["poses"].as_array().unwrap().clone();
         poses.iter().find(|pose| pose["object"] == "cube").unwrap()["detection"]["box_px"].clone()
     };
-    let points = [[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03], [0.03, 0.03, 0.01]];
     let pair = |first: usize, second: usize| {
-        let pixel = |view: usize, point: &[f64; 3]| {
-            let pixel = lens.project(&from_cube[view].transform(&nalgebra::Vector3::from(*point))).unwrap();
-            [pixel.x, pixel.y]
-        };
-        let clicks = points.map(|point| json!({"first_px": pixel(first, &point), "second_px": pixel(second, &point)}));
-        json!({
-            "image": views[first], "second_image": views[second], "first_camera": camera, "second_camera": camera,
-            "second_from_first": stated(&(from_cube[second] * from_cube[first].inverse())), "clicks": clicks,
-            "frame": {"origin": 0, "on_x": 1, "in_xy": 2}, "box_px": box_of(&views[first]),
-        })
+        let mut pair = cube.pair(first, second);
+        pair["image"] = views[first].as_str().into();
+        pair["second_image"] = views[second].as_str().into();
+        pair["box_px"] = box_of(&views[first]);
+        pair
     };
     let folder = tempfile::tempdir().unwrap();
     let (file, reference) = (folder.path().join("clicks.json"), folder.path().join("reference"));
@@ -362,9 +343,5 @@ fn calibrate_takes_several_pairs_of_images() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let made = reference_file(&reference, "cube");
     assert_eq!((&made["method"], made["references"].as_array().unwrap().len()), (&"weighted".into(), 2));
-    for (view, reference) in made["references"].as_array().unwrap().iter().enumerate() {
-        let made = pose(&reference["camera_from_object"]);
-        let apart_m = (made.translation() - from_cube[view].translation()).norm();
-        assert!(apart_m < 1e-4 && made.angle_to(&from_cube[view]) < 1e-3, "{view}: {made:?}");
-    }
+    cube.assert_right(&made["references"]);
 }

@@ -4,6 +4,8 @@
 #[path = "../support/bundle.rs"]
 mod bundle;
 mod calibrate;
+#[path = "../support/clicked.rs"]
+mod clicked;
 mod estimate;
 mod evaluate;
 mod objects;

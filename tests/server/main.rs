@@ -7,6 +7,8 @@ mod boxes;
 #[path = "../support/bundle.rs"]
 mod bundle;
 mod bundles;
+#[path = "../support/clicked.rs"]
+mod clicked;
 mod connections;
 mod counting;
 mod deadlines;

@@ -9,8 +9,9 @@ use reqwest::multipart::{Form, Part};
 use reqwest::{Client, Response, StatusCode};
 use serde_json::{Value, json as value};
 
+use crate::clicked::ClickedCube;
 use crate::support::{
-    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, two_cubes,
+    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, scene, two_cubes,
 };
 
 pub(crate) async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
@@ -232,7 +233,8 @@ async fn clicks_in_two_images_are_a_reference() {
     };
     let unmeasurable = StatusCode::UNPROCESSABLE_ENTITY;
     for (images, request, status, words) in [
-        (2, changed(&|_| ()), StatusCode::BAD_REQUEST, "send the first image alone"),
+        (2, changed(&|_| ()), StatusCode::BAD_REQUEST, "2 parts 'image' for 1 pairs in 'clicks'"),
+        (1, value!({"clicks": "all"}), StatusCode::BAD_REQUEST, "a pair of images with clicks, or a list of pairs"),
         (1, value!({}), StatusCode::BAD_REQUEST, "either 'references'"),
         (1, changed(&|all| all["clicks"] = value!([])), StatusCode::BAD_REQUEST, "0 clicked points"),
         (1, changed(&|all| all["frame"]["origin"] = 9.into()), StatusCode::BAD_REQUEST, "refers to click 9"),
@@ -262,6 +264,41 @@ async fn clicks_in_two_images_are_a_reference() {
     for name in ["cube.json", "motor.jpg", "..%2fCargo.toml", "nothing.jpg"] {
         assert_eq!(get(name).await.unwrap().status(), StatusCode::NOT_FOUND, "{name}");
     }
+}
+
+/// Several pairs are a reference of several views, each measured by itself.
+#[tokio::test]
+async fn several_pairs_of_images_are_one_reference() {
+    let folder = copy_of("reference");
+    let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let (cube, (images, _)) = (ClickedCube::new(), scene());
+    let mut pairs = [cube.pair(0, 1), cube.pair(1, 2)];
+    pairs[1]["clicks"][3]["second_px"][1] = 0.into();
+    let pairs_of = |pairs: &[Value]| value!({"clicks": pairs});
+    let slipped = put(&server, "cube", &images[..2], &pairs_of(&pairs)).await;
+    assert_eq!(slipped.status(), StatusCode::UNPROCESSABLE_ENTITY);
+    let (_, message) = error(slipped).await;
+    assert!(message.starts_with("image 1: field 'clicks': click 3: its two rays miss each other"), "{message}");
+    pairs[1] = cube.pair(1, 2);
+    pairs[1]["frame"]["on_y"] = 1.into();
+    let (_, message) = error(put(&server, "cube", &images[..2], &pairs_of(&pairs)).await).await;
+    assert!(message.contains("clicks[1].frame"), "{message}");
+    pairs[1] = cube.pair(1, 2);
+    let (_, message) = error(put(&server, "cube", &images[..1], &pairs_of(&pairs)).await).await;
+    assert!(message.contains("1 parts 'image' for 2 pairs in 'clicks'"), "{message}");
+    // In the second image something else looks like a cube, too.
+    let response = put(&server, "cube", &images[..2], &pairs_of(&pairs)).await;
+    assert_eq!(response.status(), StatusCode::UNPROCESSABLE_ENTITY);
+    let (_, message) = error(response).await;
+    assert!(message.starts_with("image 1: "), "{message}");
+    let seen = json(post(&server, CAMERA, images[1].clone()).await).await;
+    let is_it = |pose: &&Value| pose["object"] == "cube" && pose["status"] == "ok";
+    pairs[1]["box_px"] = seen["poses"].as_array().unwrap().iter().find(is_it).unwrap()["detection"]["box_px"].clone();
+    let response = put(&server, "cube", &images[..2], &pairs_of(&pairs)).await;
+    assert_eq!(response.status(), StatusCode::OK);
+    let made = json(response).await;
+    assert_eq!((&made["method"], made["views"].as_array().unwrap().len()), (&"weighted".into(), 2));
+    cube.assert_right(&made["views"]);
 }
 
 /// A reference file that names a file elsewhere gives nothing away.

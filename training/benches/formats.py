@@ -96,3 +96,17 @@ def flange_from_camera_words():
     """For --flange-from-camera, metres."""
     values = [*FLANGE_FROM_CAMERA[:3, 3], *Rotation.from_matrix(FLANGE_FROM_CAMERA[:3, :3]).as_quat()]
     return " ".join(repr(float(v)) for v in values)
+
+
+def write_pairs(photos, folder, pairs):
+    """`pairs` are numbers of left and right photos; no other relative pose than theirs is written."""
+    write_camera(photos, folder / "camera.json")
+    entries = []
+    for left, right in pairs:
+        right_from_left = photos.camera_from_world[right] @ np.linalg.inv(photos.camera_from_world[left])
+        w, x, y, z = wxyz(right_from_left)
+        relative = {"rotation_xyzw": [x, y, z, w], "translation_m": right_from_left[:3, 3].tolist()}
+        entries.append({"left": photos.names[left], "right": photos.names[right], "right_from_left": relative})
+    path = folder / "pairs.json"
+    path.write_text(json.dumps({"left_camera": "camera.json", "right_camera": "camera.json", "pairs": entries}))
+    return path

@@ -130,6 +130,23 @@ def score_importers(truth: Truth, scene: Path, folder: Path) -> None:
         print(f"| {name} | {degrees.max():.6f} | {shift:.6f} |")
 
 
+def score_pairs(truth: Truth, folder: Path) -> None:
+    """Of photos that follow each other, no two pairs of one: what `new` joins them to."""
+    pairs = [(k, k + 1) for k in range(0, len(truth.names) - 1, 2)]
+    file = formats.write_pairs(truth, folder, pairs)
+    clock, cpu = command("new", folder / "by-pairs", truth.folder, "--pairs", file)
+    found = scene_poses(folder / "by-pairs/train/000000")
+    true = dict(zip(truth.names, truth.camera_from_world))
+    degrees, millimetres, scale = differences(list(found.values()), [true[name] for name in found])
+    print(
+        f"\n{len(pairs)} pairs, {len(found) // 2} of them in one component after {clock:.0f} s ({cpu:.0f} of the CPUs)"
+    )
+    print("| pairs | median | worst |\n|---|---|---|")
+    print(f"| rotation, degrees | {np.median(degrees):.3f} | {degrees.max():.3f} |")
+    print(f"| place after scale, mm | {np.median(millimetres):.2f} | {millimetres.max():.2f} |")
+    print(f"\nScale: {100 * (scale - 1):+.2f} %.")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path, help="BOP scene: only its photos are given to the commands")
@@ -156,6 +173,7 @@ def main() -> None:
         score_cameras(project, truth)
         score_labels(project, arguments.scene)
         score_importers(truth, arguments.scene, folder)
+        score_pairs(truth, folder)
 
 
 if __name__ == "__main__":

@@ -217,6 +217,7 @@ def recall(model: FCOS, samples: list[Sample], threshold: float = 0.4) -> dict[s
 def train(config: DetectorConfig, root: Path, out: Path, encoder: Path | None = None) -> FCOS:
     """Trains (or goes on training); `encoder` is a keypoint net's checkpoint to start from."""
     out.mkdir(parents=True, exist_ok=True)
+    optimise.keep_memory()
     trainer = Trainer(config, encoder)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():

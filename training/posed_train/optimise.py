@@ -1,6 +1,7 @@
 """One step of gradient descent, and checkpoints: the same for keypoint nets and the detector."""
 
 import copy
+import ctypes
 import math
 import os
 from collections.abc import Sequence
@@ -15,6 +16,9 @@ WARM_UP_STEPS = 200
 MAX_GRADIENT_NORM = 5.0
 AVERAGE_DECAY = 0.998
 PARTS = ("model", "average", "optimizer")
+# Of glibc's mallopt.
+M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_MAX = -1, -2, -4
+NEVER, AHEAD_BYTES = 2**31 - 1, 64 << 20
 
 
 def learning_rate(peak: float, step: int, steps: int, cooling: tuple[int, int] | None = None) -> float:
@@ -24,6 +28,16 @@ def learning_rate(peak: float, step: int, steps: int, cooling: tuple[int, int] |
         return learning_rate(peak, first, steps) * 0.5 * (1 + math.cos(math.pi * (step - first) / (last - first)))
     warm_up = min(WARM_UP_STEPS, steps // 5 + 1)
     return peak * min(1.0, (step + 1) / warm_up) * 0.5 * (1 + math.cos(math.pi * step / steps))
+
+
+def keep_memory() -> None:
+    """Lets this process keep what it has freed. glibc gives large blocks back to the system at once, and each step of a
+    training on a CPU then waits for a quarter of a million pages to be zeroed anew: a sixth of its time."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # other C libraries have none
+    if mallopt is not None:
+        mallopt(M_MMAP_MAX, 0)
+        mallopt(M_TRIM_THRESHOLD, NEVER)
+        mallopt(M_TOP_PAD, AHEAD_BYTES)
 
 
 def mixed_precision(device: torch.device, depthwise: bool = False) -> torch.autocast:

@@ -165,6 +165,7 @@ def train(config: KeypointConfig, root: Path, out: Path, init: Path | None = Non
     out.mkdir(parents=True, exist_ok=True)
     if config.loss not in LOSSES:
         raise ValueError(f"loss {config.loss!r}: choose one of {', '.join(LOSSES)}")
+    optimise.keep_memory()
     views = Views(config, root)
     adopted = out / "adopted.json"
     before = adopted if adopted.exists() or init is None else init.with_name("adopted.json")

@@ -1,8 +1,10 @@
 """Poses written as other tools write them come back the same."""
 
 import json
+import shutil
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from conftest import OBJECTS_ON_BOARD, TAG_MM, run
@@ -13,9 +15,9 @@ from benches.formats import (
     write_camera,
     write_colmap_binary,
     write_colmap_text,
+    write_pairs,
     write_robot,
     write_transforms,
-    wxyz,
 )
 from benches.poses import differences, scene_poses
 from posed_train import bop
@@ -93,24 +95,51 @@ def test_bop_comes_back_with_its_labels(labelled, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
-def test_pairs_are_components(board_photos, tmp_path):
-    write_camera(board_photos, tmp_path / "camera.json")
-    pairs = []
-    for k in range(0, 10, 2):
-        right_from_left = board_photos.camera_from_world[k + 1] @ np.linalg.inv(board_photos.camera_from_world[k])
-        w, x, y, z = wxyz(right_from_left)
-        relative = {"rotation_xyzw": [x, y, z, w], "translation_m": right_from_left[:3, 3].tolist()}
-        pairs.append({"left": board_photos.names[k], "right": board_photos.names[k + 1], "right_from_left": relative})
-    values = {"left_camera": "camera.json", "right_camera": "camera.json", "pairs": pairs}
-    (tmp_path / "pairs.json").write_text(json.dumps(values))
-    run("new", tmp_path / "cube", board_photos.folder, "--pairs", tmp_path / "pairs.json")
-    for number in range(5):
+def test_pairs_apart_are_components(board_photos, tmp_path):
+    pairs = [(k, k + 1) for k in range(0, 10, 2)]
+    run("new", tmp_path / "cube", board_photos.folder, "--pairs", write_pairs(board_photos, tmp_path, pairs), "--apart")
+    true = board_photos.camera_from_world
+    for number, (left, right) in enumerate(pairs):
         poses = scene_poses(tmp_path / f"cube/train/{number:06d}")
-        a, b = (poses[board_photos.names[2 * number + k]] for k in (0, 1))
-        expected = board_photos.camera_from_world[2 * number + 1] @ np.linalg.inv(
-            board_photos.camera_from_world[2 * number]
-        )
-        np.testing.assert_allclose(b @ np.linalg.inv(a), expected, atol=1e-8)
+        a, b = (poses[board_photos.names[k]] for k in (left, right))
+        np.testing.assert_allclose(b @ np.linalg.inv(a), true[right] @ np.linalg.inv(true[left]), atol=1e-8)
+
+
+def test_pairs_that_share_a_scene_are_one_component(board_photos, tmp_path, capsys):
+    """No photo is in two pairs. One pair is of another place, and stays alone."""
+    places = np.stack([np.linalg.inv(pose)[:3, 3] for pose in board_photos.camera_from_world])
+    left, pairs = set(range(len(places))), []
+    while len(left) > 1:
+        apart = {(a, b): np.linalg.norm(places[a] - places[b]) for a in left for b in left if a < b}
+        pairs.append(min(apart, key=apart.__getitem__))
+        left -= set(pairs[-1])
+    photos = tmp_path / "photos"
+    shutil.copytree(board_photos.folder, photos)
+    rng = np.random.default_rng(3)
+    elsewhere = [board_photos.names[k] for k in pairs[0]]
+    for name in elsewhere:
+        noise = cv2.resize(rng.integers(0, 255, (60, 80, 3), np.uint8), (640, 480))
+        cv2.imwrite(str(photos / name), noise)
+    run("new", tmp_path / "cube", photos, "--pairs", write_pairs(board_photos, tmp_path, pairs))
+    said = capsys.readouterr().out
+    assert f"{len(pairs)} pairs joined" in said and f"pairs between it and those of {elsewhere[0]}" in said
+    found = scene_poses(tmp_path / "cube/train/000000")
+    # The last pairs are of photos far from each other, which share little; and all tags look alike.
+    assert len(found) >= 2 * (len(pairs) - 6) and not set(elsewhere) & found.keys()
+    true = dict(zip(board_photos.names, board_photos.camera_from_world))
+    degrees, millimetres, scale = differences(list(found.values()), [true[name] for name in found])
+    assert degrees.max() < 0.3 and millimetres.max() < 2 and abs(scale - 1) < 0.005
+
+
+def test_pairs_that_share_nothing_are_told(board_photos, tmp_path, capsys):
+    photos = tmp_path / "photos"
+    shutil.copytree(board_photos.folder, photos)
+    rng = np.random.default_rng(3)
+    for name in board_photos.names[:8]:
+        cv2.imwrite(str(photos / name), cv2.resize(rng.integers(0, 255, (60, 80, 3), np.uint8), (640, 480)))
+    pairs = write_pairs(board_photos, tmp_path, [(0, 1), (2, 3), (4, 5), (6, 7)])
+    run("new", tmp_path / "cube", photos, "--pairs", pairs)
+    assert "4 pairs of which no two share enough of a scene" in capsys.readouterr().out
 
 
 def test_an_unknown_scale_is_told_by_tags_or_points(board_photos, tmp_path):

@@ -28,8 +28,8 @@ use crate::server::service::{Failure, Recalibration, ReferenceImage, Service};
     params(("name" = String, Path)),
     request_body(
         description = "A form with one part `image` for each reference image and one part `request` (a \
-                       `ReferenceRequest`). With `clicks`, the first of the two images is the reference image, and the \
-                       only part `image`",
+                       `ReferenceRequest`). With `clicks`, the first image of each pair is a reference image, and the \
+                       second is not sent",
         content((ReferenceRequest = "multipart/form-data"))
     ),
     responses(

@@ -70,8 +70,14 @@ impl Service {
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
         // What is measured with another one is not taken for it below.
         let model = self.model(&object)?;
-        let stated =
-            views.iter().enumerate().map(|(index, view)| Ok((format!("image {index}"), self.known_pose(view)?)));
+        let several = views.len() > 1;
+        let of_image = |index: usize, Failure { kind, message }: Failure| {
+            Failure::new(kind, if several { format!("image {index}: {message}") } else { message })
+        };
+        let stated = views.iter().enumerate().map(|(index, view)| {
+            let pose = self.known_pose(view).map_err(|failure| of_image(index, failure))?;
+            Ok((format!("image {index}"), pose))
+        });
         let stated = stated.collect::<Result<Vec<_>, Failure>>()?;
         no_view_twice(&stated).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
@@ -81,10 +87,9 @@ impl Service {
             self.catalogue().references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
-        let several = views.len() > 1;
         for (index, (view, (_, camera_from_object))) in views.into_iter().zip(stated).enumerate() {
             let file = file_name(&object, &view.image);
-            let camera = self.camera(view.camera)?;
+            let camera = self.camera(view.camera).map_err(|failure| of_image(index, failure))?;
             let work = ReferenceWork {
                 image: Image::Encoded(view.image.clone()),
                 body: Some(Arc::clone(&body)),
@@ -94,11 +99,8 @@ impl Service {
                 keypoints_scale,
                 deadline,
             };
-            let of_image = |error: QueueError| {
-                let Failure { kind, message } = error.into();
-                Failure::new(kind, if several { format!("image {index}: {message}") } else { message })
-            };
-            let (region, solution) = self.queue.measure(work).await.map_err(of_image)?;
+            let measuring = self.queue.measure(work).await;
+            let (region, solution) = measuring.map_err(|error| of_image(index, error.into()))?;
             measured.push(MeasuredView {
                 file: file.clone(),
                 camera,

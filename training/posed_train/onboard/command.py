@@ -54,6 +54,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
     poses.add_argument("--poses", type=Path, help="rows: image x y z qx qy qz qw (or rx ry rz) of a robot's flange")
     poses.add_argument("--bop", type=Path, help="BOP split or scene with camera poses")
     poses.add_argument("--pairs", type=Path, help="stereo pairs with their relative poses")
+    parser.add_argument("--apart", action="store_true", help="do not join --pairs by what their photos share")
     parser.add_argument("--unit-mm", type=positive, help="of the poses' translations: 1000 for metres")
     parser.add_argument("--distance", type=Path, help="two points clicked in two photos each, and their distance")
     parser.add_argument("--flange-from-camera", help="x y z qx qy qz qw, in the unit of --poses; else by the tags")

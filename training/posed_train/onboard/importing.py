@@ -18,6 +18,7 @@ from .photos import open_photo
 from .posed_photos import Posed, find_image, open_all
 from .scale import by_points, by_tags
 from .scene import Shot
+from .shared import in_words, join_pairs
 
 METRE_MM = 1000.0
 MOVED_M = 0.004
@@ -29,7 +30,11 @@ def import_posed(options: argparse.Namespace) -> tuple[list[Imported], dict]:
     if options.pairs:
         scenes = read_pairs(options.pairs, options.source)
         opened = [open_all(pair, (options.unit_mm or METRE_MM) / METRE_MM, options.max_px) for pair in scenes]
-        return [Imported(shots, []) for shots in opened], {"source": str(options.pairs), "by": "pairs"}
+        components = opened if options.apart else join_pairs(opened)
+        imported = [Imported(shots, []) for shots in components]
+        if not options.apart:
+            imported[0].notes.extend(in_words(len(opened), components))
+        return imported, {"source": str(options.pairs), "by": "pairs"}
     if options.poses:
         return [from_robot(options)], {"source": str(options.poses), "by": "poses"}
     if options.transforms:

@@ -73,7 +73,8 @@ def add_scenes(folder: Path, imported: list[Imported]) -> str:
         return fill(folder, imported[0], "000000")
     for number, scene in enumerate(imported):
         write_scene(scene.shots, folder / SPLIT / f"{number:06d}")
-    return f"{sum(len(scene.shots) for scene in imported)} photos in {len(imported)} components"
+    count = f"{sum(len(scene.shots) for scene in imported)} photos in {len(imported)} components"
+    return "\n".join([count, *(note for scene in imported for note in scene.notes)])
 
 
 def new_from_bop(folder: Path, names: list[str], source: Path) -> str:

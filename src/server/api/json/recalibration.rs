@@ -1,8 +1,12 @@
 //! The part `request` of a recalibration.
 
+use std::fmt;
+
 use nalgebra::Vector2;
 use posed_core::calibration::{Click, FrameClicks, Mode};
 use serde::Deserialize;
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use utoipa::ToSchema;
 
 use super::forms::{CameraChoiceForm, PoseForm, PoseSchema};
@@ -15,8 +19,10 @@ use crate::vision::BoundingBox;
 pub(crate) struct ReferenceRequest {
     /// One entry for each part `image`, in the same order.
     references: Option<Vec<ReferenceImage>>,
-    /// Points clicked in two images with a known relative pose, as in the file of `posed calibrate --clicks`.
-    clicks: Option<ClicksForm>,
+    /// Points clicked in two images with a known relative pose, as in the file of `posed calibrate --clicks`: one pair, or
+    /// a list of pairs, one entry for each part `image`, in the same order.
+    #[schema(value_type = Option<PairsSchema>)]
+    clicks: Option<Pairs>,
     /// How several images are averaged: `weighted` (default) weights each image by its information, `paper` does not.
     #[serde(default)]
     #[schema(value_type = String, example = "weighted")]
@@ -38,6 +44,45 @@ struct ReferenceImage {
     camera_from_object: PoseForm,
     /// Box of the object: x, y, width, height in pixels. Omit this if the detector finds the object exactly once.
     box_px: Option<[f64; 4]>,
+}
+
+/// One pair of images, or several.
+#[derive(ToSchema)]
+#[schema(as = ClickedPairs)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes JSON")]
+enum PairsSchema {
+    #[schema(title = "pair")]
+    One(ClicksForm),
+    #[schema(title = "pairs")]
+    Several(Vec<ClicksForm>),
+}
+
+struct Pairs(Vec<ClicksForm>);
+
+impl<'de> Deserialize<'de> for Pairs {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(PairsVisitor)
+    }
+}
+
+/// Distinguishes a pair from a list by the JSON type, so that errors inside a pair are reported as such.
+struct PairsVisitor;
+
+impl<'de> Visitor<'de> for PairsVisitor {
+    type Value = Pairs;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a pair of images with clicks, or a list of pairs")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Pairs, A::Error> {
+        Ok(Pairs(vec![ClicksForm::deserialize(MapAccessDeserializer::new(map))?]))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Pairs, A::Error> {
+        Vec::deserialize(SeqAccessDeserializer::new(list)).map(Pairs)
+    }
 }
 
 /// Two images with a known relative pose, and points of the object clicked in both. The first image is the reference image.
@@ -112,8 +157,14 @@ impl ReferenceRequest {
     /// Combines the images with their known facts.
     pub(crate) fn views(self, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
         match (self.references, self.clicks) {
-            (Some(references), None) => stated(references, images),
-            (None, Some(clicks)) => Ok(vec![clicks.view(images)?]),
+            (Some(references), None) => {
+                let known = one_for_each(images, references, "entries in 'references'; send one image for each")?;
+                known.map(|(image, known)| known.view(image)).collect()
+            }
+            (None, Some(Pairs(pairs))) => {
+                let known = one_for_each(images, pairs, "pairs in 'clicks'; send the first image of each alone")?;
+                known.map(|(image, pair)| pair.view(image)).collect()
+            }
             (None, None) | (Some(_), Some(_)) => {
                 Err(Failure::invalid("set either 'references' (known poses) or 'clicks' (points in two images)"))
             }
@@ -121,31 +172,30 @@ impl ReferenceRequest {
     }
 }
 
-fn stated(references: Vec<ReferenceImage>, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
-    if images.is_empty() || images.len() != references.len() {
-        let (images, references) = (images.len(), references.len());
-        let message =
-            format!("{images} parts 'image' for {references} entries in 'references'; send one image for each");
-        return Err(Failure::invalid(message));
+fn one_for_each<Known>(
+    images: Vec<bytes::Bytes>,
+    known: Vec<Known>,
+    of: &str,
+) -> Result<impl Iterator<Item = (bytes::Bytes, Known)>, Failure> {
+    if images.is_empty() || images.len() != known.len() {
+        return Err(Failure::invalid(format!("{} parts 'image' for {} {of}", images.len(), known.len())));
     }
-    let known = |(image, known): (bytes::Bytes, ReferenceImage)| {
+    Ok(images.into_iter().zip(known))
+}
+
+impl ReferenceImage {
+    fn view(self, image: bytes::Bytes) -> Result<KnownView, Failure> {
         Ok(KnownView {
             image,
-            camera: known.camera,
-            pose: KnownPose::Stated(Failure::or_pose("camera_from_object", known.camera_from_object)?),
-            region: known.box_px.map(checked_box).transpose()?,
+            camera: self.camera,
+            pose: KnownPose::Stated(Failure::or_pose("camera_from_object", self.camera_from_object)?),
+            region: self.box_px.map(checked_box).transpose()?,
         })
-    };
-    images.into_iter().zip(references).map(known).collect()
+    }
 }
 
 impl ClicksForm {
-    fn view(self, images: Vec<bytes::Bytes>) -> Result<KnownView, Failure> {
-        let wrong = |images: Vec<_>| {
-            let message = format!("{} parts 'image'; with 'clicks', send the first image alone", images.len());
-            Failure::invalid(message)
-        };
-        let [image] = <[bytes::Bytes; 1]>::try_from(images).map_err(wrong)?;
+    fn view(self, image: bytes::Bytes) -> Result<KnownView, Failure> {
         let click = |form: ClickForm| Click {
             first_px: Vector2::from(form.first_px),
             second_px: Vector2::from(form.second_px),
