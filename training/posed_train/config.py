@@ -21,7 +21,7 @@ class KeypointConfig:
     backgrounds: str = ""  # folder of photos; without it nothing is pasted
     poses: str = "object"  # where relative poses come from: `object` poses, or the `camera` poses of still scenes
     masks: bool = True  # use them where there are any, to paste the object on other backgrounds
-    network: str = "lite0"  # starts from ImageNet; or `lite` or `paper`, from nothing
+    network: str = "lite0"  # starts from ImageNet, as `lite0-224` does; or `lite` or `paper`, from nothing
     keypoint_shape: str = "cube"
     keypoint_count: int = 8  # of the random shapes
     symmetries_discrete: list[list[float]] = field(default_factory=list)  # of the object, as in BOP's models_info.json

@@ -63,3 +63,10 @@ def test_deep_features_count_beside_the_large_ones_of_the_encoder():
     with torch.no_grad():
         one, other = (decoder([*shallow, torch.randn(4, 320, 2, 2)]) for _ in range(2))
     assert (one - other).std() > 0.3 * one.std()
+
+
+def test_a_larger_input_goes_on_from_the_same_weights():
+    small, large = (KeypointNet(8, name).eval() for name in ("lite0", "lite0-224"))
+    large.load_state_dict(small.state_dict())
+    assert large.input_size == 224
+    assert large(torch.rand(1, 3, 224, 224)).shape == (1, 8, 112, 112)

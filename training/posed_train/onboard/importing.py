@@ -14,11 +14,11 @@ from .from_colmap import read_colmap
 from .from_pairs import read_pairs
 from .from_robot import board_moved, hand_eye, read_pose, read_robot, read_rows
 from .from_transforms import read_transforms
+from .overlap import in_words, join_pairs
 from .photos import open_photo
 from .posed_photos import Posed, find_image, open_all
 from .scale import by_points, by_tags
 from .scene import Shot
-from .shared import in_words, join_pairs
 
 METRE_MM = 1000.0
 MOVED_M = 0.004
