@@ -234,6 +234,7 @@ async fn clicks_in_two_images_are_a_reference() {
     let unmeasurable = StatusCode::UNPROCESSABLE_ENTITY;
     for (images, request, status, words) in [
         (2, changed(&|_| ()), StatusCode::BAD_REQUEST, "2 parts 'image' for 1 pairs in 'clicks'"),
+        (0, value!({"clicks": []}), StatusCode::BAD_REQUEST, "field 'clicks' is empty; give the pairs"),
         (1, value!({"clicks": "all"}), StatusCode::BAD_REQUEST, "a pair of images with clicks, or a list of pairs"),
         (1, value!({}), StatusCode::BAD_REQUEST, "either 'references'"),
         (1, changed(&|all| all["clicks"] = value!([])), StatusCode::BAD_REQUEST, "0 clicked points"),

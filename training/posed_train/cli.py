@@ -1,7 +1,9 @@
 """Trains the networks that posed serves, from images with known relative camera poses."""
 
 import argparse
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -105,12 +107,17 @@ def main() -> None:
     quantizing.set_defaults(run=lazily("run_quantize"))
 
     arguments = parser.parse_args()
+    if threading.current_thread() is threading.main_thread():
+        # As Ctrl-C: what is half-written is removed.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         arguments.run(arguments)
     except (DatasetError, ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"posed-train: {error}")
     except RecursionError:
         sys.exit("posed-train: a file that was given is nested too deeply to be read")
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 def run_check(arguments: argparse.Namespace) -> None:

@@ -106,7 +106,7 @@ def test_pairs_apart_are_components(board_photos, tmp_path):
 
 
 def test_pairs_that_share_a_scene_are_one_component(board_photos, tmp_path, capsys):
-    """No photo is in two pairs. One pair is of another place, and stays alone."""
+    """No photo is in two pairs. One pair is of another place, and the pose of one is inverted: they stay alone."""
     places = np.stack([np.linalg.inv(pose)[:3, 3] for pose in board_photos.camera_from_world])
     left, pairs = set(range(len(places))), []
     while len(left) > 1:
@@ -120,12 +120,19 @@ def test_pairs_that_share_a_scene_are_one_component(board_photos, tmp_path, caps
     for name in elsewhere:
         noise = cv2.resize(rng.integers(0, 255, (60, 80, 3), np.uint8), (640, 480))
         cv2.imwrite(str(photos / name), noise)
-    run("new", tmp_path / "cube", photos, "--pairs", write_pairs(board_photos, tmp_path, pairs))
+    file = write_pairs(board_photos, tmp_path, pairs)
+    values = json.loads(file.read_text())
+    relative = values["pairs"][1]["right_from_left"]
+    relative["translation_m"] = [-value for value in relative["translation_m"]]
+    file.write_text(json.dumps(values))
+    run("new", tmp_path / "cube", photos, "--pairs", file)
     said = capsys.readouterr().out
-    assert f"{len(pairs)} pairs joined" in said and f"pairs between it and those of {elsewhere[0]}" in said
+    inverted = [board_photos.names[k] for k in pairs[1]]
+    assert f"{len(pairs)} pairs joined" in said and f"1 pairs are not as their photos show them: {inverted[0]}" in said
+    assert elsewhere[0] in said.split("pairs between it and those of ")[1]
     found = scene_poses(tmp_path / "cube/train/000000")
     # The last pairs are of photos far from each other, which share little; and all tags look alike.
-    assert len(found) >= 2 * (len(pairs) - 6) and not set(elsewhere) & found.keys()
+    assert len(found) >= 2 * (len(pairs) - 9) and not {*elsewhere, *inverted} & found.keys()
     true = dict(zip(board_photos.names, board_photos.camera_from_world))
     degrees, millimetres, scale = differences(list(found.values()), [true[name] for name in found])
     assert degrees.max() < 0.3 and millimetres.max() < 2 and abs(scale - 1) < 0.005
@@ -210,4 +217,18 @@ def test_what_cannot_be_read_is_said(board_photos, tmp_path):
     refused("quaternion's length", board_photos.folder, "--poses", rows, "--tag-mm", TAG_MM)
     (tmp_path / "pairs.json").write_text('{"pairs": []}')
     refused("not a file of pairs", "--pairs", tmp_path / "pairs.json")
+    for change, words in (
+        ({"right": board_photos.names[0]}, "IMG_0.jpg twice"),
+        ({"left": 5}, "pair 0: needs left and right"),
+        ({"right_from_left": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [0, 0, 0]}}, "no distance between"),
+        (
+            {"right_from_left": {"rotation_xyzw": [0, 0, 0, 1], "translation_m": [120, 0, 0]}},
+            "120 m apart.*--unit-mm 1",
+        ),
+    ):
+        pairs = write_pairs(board_photos, tmp_path, [(0, 1)])
+        values = json.loads(pairs.read_text())
+        values["pairs"][0] |= change
+        pairs.write_text(json.dumps(values))
+        refused(words, board_photos.folder, "--pairs", pairs)
     refused("give a folder of photos")

@@ -8,7 +8,8 @@ use super::VERSION;
 /// A bundle that is not as `docs/bundle.md` says.
 #[derive(Debug, Error)]
 pub enum BundleError {
-    #[error("the bundle is no tar file, or is damaged: {0}")]
+    // What the reader of tar files says quotes the bytes that it met.
+    #[error("the bundle is no tar file, or is damaged ({})", .0.to_string().escape_default())]
     Tar(io::Error),
     #[error("the first file of the bundle is {0:?}; it must be 'bundle.json' (a bundle is an uncompressed tar file)")]
     NotFirst(String),

@@ -99,6 +99,8 @@ def run_new(arguments: argparse.Namespace) -> None:
     from .importing import import_posed
 
     project, names = arguments.project, arguments.objects
+    if arguments.apart and not arguments.pairs:
+        raise ValueError("--apart: is for --pairs")
     if arguments.bop:
         print(new.new_from_bop(project, names, arguments.bop))
     elif arguments.transforms or arguments.colmap or arguments.poses or arguments.pairs:

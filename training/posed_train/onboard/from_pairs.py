@@ -25,13 +25,19 @@ def read_pairs(path: Path, photos: Path | None) -> list[list[Posed]]:
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, DatasetError):
             raise
-        raise DatasetError(f"{path}: not a file of pairs ({error!r})") from None
+        raise DatasetError(f"{path}: not a file of pairs; it needs left_camera, right_camera and pairs") from None
+    if not isinstance(pairs, list):
+        raise DatasetError(f"{path}: pairs is not a list")
     folders = [folder for folder in (photos, path.parent) if folder is not None]
-    scenes = []
+    scenes, seen = [], {}
     for number, pair in enumerate(pairs):
         where = f"{path}: pair {number}"
-        if not isinstance(pair, dict) or not {"left", "right"} <= set(pair):
-            raise DatasetError(f"{where}: needs left and right")
+        if not isinstance(pair, dict) or not all(isinstance(pair.get(side), str) for side in ("left", "right")):
+            raise DatasetError(f"{where}: needs left and right, names of photos")
+        if pair["left"] == pair["right"]:
+            raise DatasetError(f"{where}: {pair['left']} twice; a pair is two photos")
+        if (twin := seen.setdefault((pair["left"], pair["right"]), number)) != number:
+            raise DatasetError(f"{where}: the same photos as pair {twin}")
         relative = pair.get("right_from_left", values.get("right_from_left"))
         scenes.append(
             [

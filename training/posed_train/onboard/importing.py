@@ -14,13 +14,14 @@ from .from_colmap import read_colmap
 from .from_pairs import read_pairs
 from .from_robot import board_moved, hand_eye, read_pose, read_robot, read_rows
 from .from_transforms import read_transforms
-from .overlap import in_words, join_pairs
+from .overlap import Joined, in_words, join_pairs
 from .photos import open_photo
 from .posed_photos import Posed, find_image, open_all
 from .scale import by_points, by_tags
 from .scene import Shot
 
 METRE_MM = 1000.0
+LEAST_BASELINE_M, MOST_BASELINE_M = 1e-4, 10.0
 MOVED_M = 0.004
 """A board that seems to move by that much may have been moved."""
 
@@ -30,10 +31,11 @@ def import_posed(options: argparse.Namespace) -> tuple[list[Imported], dict]:
     if options.pairs:
         scenes = read_pairs(options.pairs, options.source)
         opened = [open_all(pair, (options.unit_mm or METRE_MM) / METRE_MM, options.max_px) for pair in scenes]
-        components = opened if options.apart else join_pairs(opened)
-        imported = [Imported(shots, []) for shots in components]
+        check_baselines(opened)
+        joined = Joined(opened, []) if options.apart else join_pairs(opened)
+        imported = [Imported(shots, []) for shots in joined.components]
         if not options.apart:
-            imported[0].notes.extend(in_words(len(opened), components))
+            imported[0].notes.extend(in_words(joined))
         return imported, {"source": str(options.pairs), "by": "pairs"}
     if options.poses:
         return [from_robot(options)], {"source": str(options.poses), "by": "poses"}
@@ -44,6 +46,18 @@ def import_posed(options: argparse.Namespace) -> tuple[list[Imported], dict]:
     shots, note = in_metres(posed, options)
     by = "transforms" if options.transforms else "colmap"
     return [Imported(shots, [], [note])], {"source": str(source), "by": by}
+
+
+def check_baselines(pairs: list[list[Shot]]) -> None:
+    for left, right in pairs:
+        apart_m = float(np.linalg.norm((right.camera_from_world @ np.linalg.inv(left.camera_from_world))[:3, 3]))
+        names = f"{left.photo.name} and {right.photo.name}"
+        if apart_m < LEAST_BASELINE_M:
+            raise DatasetError(f"{names}: no distance between their cameras, so they say nothing of depth")
+        if apart_m > MOST_BASELINE_M:
+            raise DatasetError(
+                f"{names}: their cameras are {apart_m:.0f} m apart; if the poses are in millimetres, give --unit-mm 1"
+            )
 
 
 def in_metres(posed: list[Posed], options: argparse.Namespace) -> tuple[list[Shot], str]:

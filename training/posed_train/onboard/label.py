@@ -12,6 +12,7 @@ from PIL import Image
 
 from ..bop import DatasetError, image_path, read_json, stated_pose
 from ..midway import change, contrast
+from ..rays import upwards
 from . import project as projects
 from .coverage import draw_sheet, thumbnail
 from .drawn import BAD, parse, read_file
@@ -63,7 +64,7 @@ def read_scene(folder: Path, source: dict) -> Scene:
 
 def upright(poses: list[np.ndarray], up: list[float] | None) -> np.ndarray:
     """`standing_from_world` of a world whose up is told, or else is what photos have upwards in the mean."""
-    z = np.array(up, float) if up else -np.stack(poses)[:, 1, :3].mean(0)
+    z = np.array(up, float) if up else upwards(np.stack(poses))
     if not np.linalg.norm(z) > 1e-6:
         raise DatasetError("the photos do not tell where up is: give `up = [x, y, z]` under [[photos]] in object.toml")
     z /= np.linalg.norm(z)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ..bop import DatasetError
-from ..rays import nearest_point
+from ..rays import nearest_point, upwards
 from .coverage import Coverage, coverage, draw_coverage, draw_sheet, table, thumbnail
 from .from_board import UP_FROM_BOARD, BoardOptions, Imported, import_board
 from .from_bop import copy_labels, read_bop
@@ -17,6 +17,10 @@ from .scene import write_scene
 
 LEAST_SHOTS = 8
 MAX_DOUBTS_SHOWN = 20
+UP_IS_GUESSED = (
+    "up is guessed from how the photos were held; if the heights are wrong, give up = [x, y, z] under [[photos]] in "
+    "object.toml"
+)
 
 
 def new_from_board(folder: Path, names: list[str], source: Path, options: BoardOptions) -> str:
@@ -123,7 +127,8 @@ def show(folder: Path, imported: Imported, scene: str) -> str:
         ],
         pictures / f"photos-{scene}.jpg",
     )
-    return "\n".join([table(imported.rows, seen), *imported.notes, *doubts(imported.doubts), *where_to_go(seen)])
+    notes = imported.notes if imported.board is not None else [*imported.notes, UP_IS_GUESSED]
+    return "\n".join([table(imported.rows, seen), *notes, *doubts(imported.doubts), *where_to_go(seen)])
 
 
 def read_small(stem: Path) -> np.ndarray:
@@ -140,8 +145,7 @@ def look_from(imported: Imported) -> Coverage:
     stacked = np.stack(poses)
     axes, origins = stacked[:, 2, :3], -np.einsum("vji,vj->vi", stacked[:, :3, :3], stacked[:, :3, 3])
     centre = nearest_point(origins, axes)
-    up = -stacked[:, 1, :3].mean(0)
-    return coverage(poses, centre, up / np.linalg.norm(up))
+    return coverage(poses, centre, upwards(stacked))
 
 
 def doubts(found: list[str]) -> list[str]:

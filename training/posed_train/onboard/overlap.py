@@ -24,6 +24,10 @@ LEAST_PARALLAX_DEG = 0.5
 NEAR_PX = 2.0
 LEAST_SHARED = 20
 """Points that must agree on a pose, in both photos together."""
+LEAST_EACH = 6
+"""In each of them: so the pair's own pose is borne out, too."""
+ENOUGH_ALIKE, LEAST_FITTING = 30, 0.3
+"""Where so many points of a pair's photos agree on some pose, this share of them fits the pair's if that is true."""
 LEAST_SPREAD = 0.1
 """Of the image's width, standard deviation: points in one corner tell no pose."""
 CANDIDATES = 12
@@ -66,6 +70,8 @@ class Pair:
     camera_from_first: tuple[np.ndarray, np.ndarray]
     """The first is the identity."""
     landmarks: Landmarks
+    fits: bool
+    """Whether what its photos share fits its pose, as far as that can be told."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +85,17 @@ class Sighting:
     """That they agree on, from that frame to the other pair's."""
 
 
-def join_pairs(scenes: Sequence[list[Shot]]) -> list[list[Shot]]:
-    """Components, the largest first, of what were pairs."""
+@dataclass(frozen=True)
+class Joined:
+    """What became of pairs."""
+
+    components: list[list[Shot]]
+    """The largest first."""
+    misfits: list[str]
+    """Names of left photos of pairs whose pose is not that of their photos."""
+
+
+def join_pairs(scenes: Sequence[list[Shot]]) -> Joined:
     pairs = [read_pair(shots) for shots in tqdm(scenes, "pairs: features", mininterval=5)]
     sightings = find_sightings(pairs)
     components = []
@@ -95,29 +110,40 @@ def join_pairs(scenes: Sequence[list[Shot]]) -> list[list[Shot]]:
                 for shot in relative_to_first(scenes[k])
             ]
         )
-    return sorted(components, key=lambda shots: -len(shots))
+    misfits = [shots[0].photo.name for shots, pair in zip(scenes, pairs) if not pair.fits]
+    return Joined(sorted(components, key=lambda shots: -len(shots)), misfits)
 
 
-def in_words(pairs: int, components: Sequence[list[Shot]]) -> list[str]:
+def in_words(joined: Joined) -> list[str]:
     """What became of the pairs, and what to do about it."""
-    sizes = [len(shots) // 2 for shots in components]
+    sizes = [len(shots) // 2 for shots in joined.components]
+    lines = []
+    if joined.misfits:
+        lines.append(
+            f"{len(joined.misfits)} pairs are not as their photos show them: {listed(joined.misfits)}. right_from_left "
+            "is the left camera's pose in the right one's frame, in OpenCV's axes; are the cameras those of the photos?"
+        )
     if max(sizes) == 1:
         return [
-            f"{pairs} pairs of which no two share enough of a scene: each is a component, and a net cannot learn from "
-            "one pair. Take pairs closer to each other, with more than the object in sight, or give all camera poses"
+            f"{len(sizes)} pairs of which no two share enough of a scene: each is a component, and a net cannot learn "
+            "from one pair. Take pairs closer to each other, with more than the object in sight, or give all poses",
+            *lines,
         ]
-    lines = [
-        f"{pairs} pairs joined by what their photos share: {len(sizes)} component{'s' * (len(sizes) > 1)}. Between "
-        "photos of one scene the object must not have been moved (`check` tells); --apart leaves pairs as they are"
-    ]
+    lines.append(
+        f"{sum(sizes)} pairs joined by what their photos share: {len(sizes)} component{'s' * (len(sizes) > 1)}. "
+        "Between photos of one scene the object must not have been moved (`check` tells); --apart joins none"
+    )
     if len(sizes) > 1:
-        lone = [shots[0].photo.name for shots in components[1:]]
-        more = f" and {len(lone) - NAMED} more" if len(lone) > NAMED else ""
+        lone = listed([shots[0].photo.name for shots in joined.components[1:]])
         lines.append(
             f"the largest has {sizes[0]} pairs, and training begins with it; the net must place the others itself. "
-            f"Take pairs between it and those of {', '.join(lone[:NAMED])}{more}"
+            f"Take pairs between it and those of {lone}"
         )
     return lines
+
+
+def listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
 def relative_to_first(shots: Sequence[Shot]) -> list[Shot]:
@@ -128,7 +154,8 @@ def relative_to_first(shots: Sequence[Shot]) -> list[Shot]:
 def read_pair(shots: Sequence[Shot]) -> Pair:
     seen = tuple(look(shot) for shot in shots)
     poses = tuple(shot.camera_from_world for shot in relative_to_first(shots))
-    return Pair(seen, poses, triangulate(seen, poses))
+    landmarks, fits = triangulate(seen, poses)
+    return Pair(seen, poses, landmarks, fits)
 
 
 def look(shot: Shot) -> Seen:
@@ -159,29 +186,47 @@ def alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.column_stack([kept, best[kept]])
 
 
-def triangulate(seen: tuple[Seen, Seen], poses: tuple[np.ndarray, np.ndarray]) -> Landmarks:
+def triangulate(seen: tuple[Seen, Seen], poses: tuple[np.ndarray, np.ndarray]) -> tuple[Landmarks, bool]:
+    """What a pair knows the place of; and whether what looks alike in its photos fits its pose."""
     first, second = seen
     found = alike(first.descriptors, second.descriptors)
     if not len(found):
-        return Landmarks(np.zeros((0, 3)), np.zeros((0, 128), np.float32))
+        return Landmarks(np.zeros((0, 3)), np.zeros((0, 128), np.float32)), True
     pixels = first.pixels[found[:, 0]], second.pixels[found[:, 1]]
     projections = [one.matrix @ pose[:3] for one, pose in zip(seen, poses)]
     points = cv2.triangulatePoints(*projections, pixels[0].T, pixels[1].T)
-    points = (points[:3] / np.where(points[3] == 0, 1e-12, points[3])).T
-    good = np.isfinite(points).all(1)
+    # A point at infinity is a far one.
+    points = (points[:3] / np.where(np.abs(points[3]) < 1e-9, 1e-9, points[3])).T
+    good = np.ones(len(points), bool)
     for one, pose, at in zip(seen, poses, pixels):
         good &= points @ pose[2, :3] + pose[2, 3] > 0
         good &= np.linalg.norm(project(one.matrix, pose, points) - at, axis=1) < NEAR_PX
+    fits = good.sum() >= LEAST_FITTING * epipolar(seen, pixels)
     rays = [points - (-pose[:3, :3].T @ pose[:3, 3]) for pose in poses]
     rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
     good &= (rays[0] * rays[1]).sum(1) < np.cos(np.radians(LEAST_PARALLAX_DEG))
-    return Landmarks(points[good], first.descriptors[found[good, 0]])
+    return Landmarks(points[good], first.descriptors[found[good, 0]]), fits
+
+
+def epipolar(seen: tuple[Seen, Seen], pixels: tuple[np.ndarray, np.ndarray]) -> int:
+    """How many points agree on some pose of the two cameras, if that is most and enough to say so; else 0."""
+    if len(pixels[0]) < ENOUGH_ALIKE:
+        return 0
+    normalised = [
+        cv2.undistortPoints(np.ascontiguousarray(at[:, None]), one.matrix, None)[:, 0] for one, at in zip(seen, pixels)
+    ]
+    threshold = NEAR_PX / np.mean([one.matrix[0, 0] for one in seen])
+    _, agreeing = cv2.findEssentialMat(*normalised, np.eye(3), cv2.USAC_DEFAULT, 0.999, threshold)
+    count = 0 if agreeing is None else int(np.count_nonzero(agreeing))
+    return count if count >= max(ENOUGH_ALIKE, len(pixels[0]) / 2) else 0
 
 
 def find_sightings(pairs: Sequence[Pair]) -> dict[tuple[int, int], Sighting]:
     """What of each pair's landmarks another pair's photos show, by the two pairs, if it tells a pose."""
     sightings = {}
     for a, b in tqdm(sorted(candidates(pairs)), "pairs: what they share", mininterval=5):
+        if not (pairs[a].fits and pairs[b].fits):
+            continue
         for one, other in ((a, b), (b, a)):
             sighting = agreeing(pairs[other], sight(pairs[one].landmarks, pairs[other]))
             if sighting is not None:
@@ -228,6 +273,8 @@ def agreeing(pair: Pair, sighting: Sighting) -> Sighting | None:
     if best is None or best[0].sum() < LEAST_SHARED:
         return None
     near, pose = best
+    if min((sighting.camera[near] == camera).sum() for camera in (0, 1)) < LEAST_EACH:
+        return None
     if sighting.pixels[near].std(0).max() < LEAST_SPREAD * pair.seen[0].width:
         return None
     return Sighting(sighting.points[near], sighting.pixels[near], sighting.camera[near], pose)

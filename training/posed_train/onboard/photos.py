@@ -21,6 +21,8 @@ TURNS = {1: 0, 6: 1, 3: 2, 8: 3}
 SHARPNESS_WIDTH = 960
 DEFAULT_MAX_PX = 1920
 MAX_PIXELS = 200_000_000
+DRAFT = 64, 64
+"""A JPEG need not be decoded in full to see that it is whole."""
 SHARP = 0.55
 """Sharpness of photos of a board that a Gaussian of 1.3 px has blurred."""
 
@@ -89,6 +91,9 @@ def open_photo(path: Path, max_px: int = DEFAULT_MAX_PX) -> Photo:
         with Image.open(path) as image:
             (width, height), orientation = image.size, image.getexif().get(EXIF_ORIENTATION, 1)
             stored = image.size
+            if width * height <= MAX_PIXELS:
+                image.draft(None, DRAFT)
+                image.load()  # OpenCV fills what is missing of a cut file with grey
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise DatasetError(f"{path}: not a readable image") from None
     if width * height > MAX_PIXELS:

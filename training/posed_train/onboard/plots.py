@@ -58,7 +58,8 @@ def errors(found: Judgement) -> bytes:
                 some = [one for one in compared if one.deviation.agrees == agrees]
                 axes.scatter([getattr(o, over) for o in some], [getattr(o, values) for o in some], s=16, color=colour)
             axes.set_xlabel(label)
-            in_decades(axes)
+            if compared:
+                in_decades(axes)
             axes.grid(alpha=0.3)
         row[0].set_ylabel(unit)
     return as_png(figure)

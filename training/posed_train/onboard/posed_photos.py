@@ -1,5 +1,6 @@
 """Photos whose camera poses come from elsewhere: what all importers share."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -65,6 +66,8 @@ def find_image(folders: Sequence[Path], name: str, where: str) -> Path:
     """A photo by a name that a file tells: below the folders only."""
     for folder in folders:
         path = folder / name
-        if path.is_file() and folder.resolve() in path.resolve().parents:
+        # By its words: that the photos themselves are links is their owner's doing.
+        if path.is_file() and Path(os.path.abspath(folder)) in Path(os.path.abspath(path)).parents:
             return path
-    raise DatasetError(f"{where}: no photo {name!r} in {', '.join(str(folder) for folder in folders)}")
+    known = ", ".join(dict.fromkeys(str(folder) for folder in folders))
+    raise DatasetError(f"{where}: no photo {name!r} in {known}")

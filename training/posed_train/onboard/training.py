@@ -63,7 +63,8 @@ def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> No
     train_all(work, plan, init)
     train_detector(work, plan)
     folders = " ".join(dict.fromkeys(str(project.folder) for project in loaded))
-    print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed-train export {folders}`")
+    where = "" if plan.models == Path("models") else f" --models {plan.models}"
+    print(f"{plan.models}: {', '.join(names)} and a detector of them; next, `posed-train export {folders}{where}`")
 
 
 def ready(project: Project, item: Item) -> list[View]:

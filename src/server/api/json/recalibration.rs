@@ -158,11 +158,11 @@ impl ReferenceRequest {
     pub(crate) fn views(self, images: Vec<bytes::Bytes>) -> Result<Vec<KnownView>, Failure> {
         match (self.references, self.clicks) {
             (Some(references), None) => {
-                let known = one_for_each(images, references, "entries in 'references'; send one image for each")?;
+                let known = one_for_each(images, references, "references", "entries", "one image for each")?;
                 known.map(|(image, known)| known.view(image)).collect()
             }
             (None, Some(Pairs(pairs))) => {
-                let known = one_for_each(images, pairs, "pairs in 'clicks'; send the first image of each alone")?;
+                let known = one_for_each(images, pairs, "clicks", "pairs", "the first image of each alone")?;
                 known.map(|(image, pair)| pair.view(image)).collect()
             }
             (None, None) | (Some(_), Some(_)) => {
@@ -175,10 +175,18 @@ impl ReferenceRequest {
 fn one_for_each<Known>(
     images: Vec<bytes::Bytes>,
     known: Vec<Known>,
-    of: &str,
+    field: &str,
+    entries: &str,
+    send: &str,
 ) -> Result<impl Iterator<Item = (bytes::Bytes, Known)>, Failure> {
-    if images.is_empty() || images.len() != known.len() {
-        return Err(Failure::invalid(format!("{} parts 'image' for {} {of}", images.len(), known.len())));
+    if known.is_empty() {
+        return Err(Failure::invalid(format!("field '{field}' is empty; give the {entries}, and {send}")));
+    }
+    if images.len() != known.len() {
+        let (images, known) = (images.len(), known.len());
+        return Err(Failure::invalid(format!(
+            "{images} parts 'image' for {known} {entries} in '{field}'; send {send}"
+        )));
     }
     Ok(images.into_iter().zip(known))
 }
