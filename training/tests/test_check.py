@@ -153,6 +153,9 @@ def test_a_good_project_passes(labelled, capsys):
     assert printed.endswith("passed\n") and "masks: 30 of 30" in printed and "boxes against poses: 0.0" in printed
     run("check", labelled, "--object", "cube", "--size-mm", "54.2x54.2x54.2")
     assert "size: 9" in (printed := capsys.readouterr().out) or "size: 10" in printed
+    with pytest.raises(SystemExit):
+        run("check", labelled, "--object", "cube", "--size-mm", "54.2x110x54.2")
+    assert "which is another shape than 54.2 x 54.2 x 110 mm" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

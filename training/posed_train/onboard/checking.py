@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from .project import Project
 from .scene import photo_names
 
 IMAGE = re.compile(r"\b([\w-]+)/(\d{6})\.(?:jpg|png)\b")
+MOST_DISPROPORTION = 1.35
+"""Boxes that are placed by eye are a tenth off, a side."""
 MIN_VISIBLE = 0.35
 """As in training."""
 
@@ -36,8 +39,19 @@ def check_project(folder: Path, name: str | None, size: str | None) -> None:
             raise
         report = check(views, "camera", expected, up(project))
         print(f"{item.name}: {report}")
+        if size and item.size_mm:
+            problems += [f"{item.name}: {problem}" for problem in out_of_proportion(item.size_mm, expected)]
         problems += [f"{item.name}: {by_photo_names(problem, project)}" for problem in report.problems]
     conclude(problems)
+
+
+def out_of_proportion(labelled: Sequence[float], stated: Sequence[float]) -> list[str]:
+    """What is wrong with a box's sides, whatever the scale. In order of their length: the box's frame is its own."""
+    ratios = np.sort(labelled) / np.sort(stated)
+    if ratios.max() / ratios.min() <= MOST_DISPROPORTION:
+        return []
+    box, ruler = (" x ".join(f"{side:g}" for side in sorted(sides)) for sides in (labelled, stated))
+    return [f"its box was placed as {box} mm, which is another shape than {ruler} mm: which of the two is wrong?"]
 
 
 def by_photo_names(text: str, project: Project) -> str:
