@@ -178,12 +178,12 @@ def agree(a: np.ndarray, b: np.ndarray, rotation_deg: float, distance_m: float) 
     return (angles_deg(a, b) < rotation_deg) & (distances < distance_m)
 
 
-def mean_pose(poses: np.ndarray) -> np.ndarray:
+def mean_pose(poses: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Chordal mean of the rotations, arithmetic mean of the translations."""
     mean = np.eye(4)
-    u, _, vt = np.linalg.svd(poses[:, :3, :3].mean(0))
+    u, _, vt = np.linalg.svd(np.average(poses[:, :3, :3], axis=0, weights=weights))
     mean[:3, :3] = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    mean[:3, 3] = poses[:, :3, 3].mean(0)
+    mean[:3, 3] = np.average(poses[:, :3, 3], axis=0, weights=weights)
     return mean
 
 

@@ -10,6 +10,7 @@ from .registration import angles_deg, mean_pose
 
 AGREES_DEG, AGREES_M = 20.0, 0.1
 """Poses this close to what the other photos say are counted as agreeing."""
+MEDIAN_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def deviations(
             others = agreeing.copy()
             if k in place:
                 others[place[k]] = False
-            expected = camera_from_scene[k] @ mean_pose(alike[others]) if others.any() else None
+            expected = camera_from_scene[k] @ middle_pose(alike[others]) if others.any() else None
             seen = None
             if k in place:
                 seen = alike[place[k]]
@@ -68,6 +69,19 @@ def deviations(
                 seen = camera_from_scene[k] @ seen
             found[k] = Deviation(seen, expected)
     return found
+
+
+def middle_pose(poses: np.ndarray) -> np.ndarray:
+    """Of poses `[P, 4, 4]` the one that most are near to: each counts by one over its distance (Weiszfeld's geometric
+    median), so that one of a dozen that is 5 cm off does not move what the others say by half a centimetre."""
+    middle = mean_pose(poses)
+    for _ in range(MEDIAN_ROUNDS):
+        apart = np.linalg.norm(poses[:, :3, 3] - middle[:3, 3], axis=1)
+        turned = angles_deg(poses, middle[None])[:, 0]
+        place, turn = (1 / np.maximum(off, max(float(np.median(off)), 1e-9)) for off in (apart, turned))
+        middle = mean_pose(poses, turn)
+        middle[:3, 3] = np.average(poses[:, :3, 3], axis=0, weights=place)
+    return middle
 
 
 def agreement(poses: np.ndarray, motions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
