@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ..registration import agree, consensus, project
+from ..registration import agree, mean_pose, project
 from .scene import Shot
 
 FEATURES = 2000
@@ -25,7 +25,7 @@ NEAR_PX = 2.0
 LEAST_SHARED = 20
 """Points that must agree on a pose, in both photos together."""
 LEAST_EACH = 6
-"""In each of them: so the pair's own pose is borne out, too."""
+"""In each of them, of all that agree on a pair's pose: so its own pose is borne out, too."""
 ENOUGH_ALIKE, LEAST_FITTING = 30, 0.3
 """Where so many points of a pair's photos agree on some pose, this share of them fits the pair's if that is true."""
 LEAST_SPREAD = 0.1
@@ -35,7 +35,7 @@ CANDIDATES = 12
 QUICK = 200
 NEIGHBOURS_IN_ORDER = 3
 """... and those before and after it."""
-NEAR_DEG, NEAR_SHARE = 1.5, 0.03
+NEAR_DEG, NEAR_SHARE = 1.5, 0.015
 """Within which poses agree; the second of the points' distance."""
 LEAST_VOTES = 2
 """For a pose: where things look alike, as the tags of a board do, a sighting may be wrong."""
@@ -273,8 +273,6 @@ def agreeing(pair: Pair, sighting: Sighting) -> Sighting | None:
     if best is None or best[0].sum() < LEAST_SHARED:
         return None
     near, pose = best
-    if min((sighting.camera[near] == camera).sum() for camera in (0, 1)) < LEAST_EACH:
-        return None
     if sighting.pixels[near].std(0).max() < LEAST_SPREAD * pair.seen[0].width:
         return None
     return Sighting(sighting.points[near], sighting.pixels[near], sighting.camera[near], pose)
@@ -307,13 +305,12 @@ def grow(pairs: Sequence[Pair], sightings: dict[tuple[int, int], Sighting], wait
     near_m = NEAR_SHARE * np.median([np.median(np.linalg.norm(one.points, axis=1)) for one in edges.values()] or [1.0])
     placed = {max(sorted(waiting), key=weight.__getitem__): np.eye(4)}
     while True:
-        votes = {k: vote(k, edges, placed) for k in sorted(waiting - placed.keys())}
-        votes = {k: poses for k, poses in votes.items() if len(poses) >= LEAST_VOTES}
-        agreeing = {k: agree(poses, poses, NEAR_DEG, near_m).sum(1).max() for k, poses in votes.items()}
-        chosen = max(agreeing, key=agreeing.__getitem__, default=None)
-        if chosen is None or agreeing[chosen] < LEAST_VOTES:
+        told = {k: vote(k, edges, placed, near_m) for k in sorted(waiting - placed.keys())}
+        agreed = {k: one for k, one in told.items() if one is not None}
+        if not agreed:
             break
-        placed[chosen] = consensus(votes[chosen], NEAR_DEG, near_m)
+        chosen = max(agreed, key=lambda k: agreed[k][1])
+        placed[chosen] = agreed[chosen][0]
         placed[chosen] = fit(pairs[chosen], known_to(chosen, edges, placed, near_m), placed[chosen])
     for _ in range(ROUNDS):
         for k in list(placed)[1:]:
@@ -321,11 +318,23 @@ def grow(pairs: Sequence[Pair], sightings: dict[tuple[int, int], Sighting], wait
     return placed
 
 
-def vote(index: int, edges: dict[tuple[int, int], Sighting], placed: dict[int, np.ndarray]) -> np.ndarray:
-    """`world_from_first` of a pair, `[V, 4, 4]`, by each placed one that sees its points, or whose points it sees."""
-    seeing = [placed[b] @ one.pose for (a, b), one in edges.items() if a == index and b in placed]
-    seen = [placed[a] @ np.linalg.inv(one.pose) for (a, b), one in edges.items() if b == index and a in placed]
-    return np.array(seeing + seen).reshape(-1, 4, 4)
+def vote(
+    index: int, edges: dict[tuple[int, int], Sighting], placed: dict[int, np.ndarray], near_m: float
+) -> tuple[np.ndarray, int] | None:
+    """`world_from_first` of a pair, by the placed ones that see its points and those whose points it sees; and how many
+    of them agree. Nothing where too few do, or where they bear out one of its photos alone."""
+    seeing = [(placed[b] @ one.pose, one) for (a, b), one in edges.items() if a == index and b in placed]
+    seen = [(placed[a] @ np.linalg.inv(one.pose), one) for (a, b), one in edges.items() if b == index and a in placed]
+    if len(seeing) + len(seen) < LEAST_VOTES:
+        return None
+    poses = np.stack([pose for pose, _ in seeing + seen])
+    # Its points are known by both of its photos.
+    shown = [(len(one.points),) * 2 for _, one in seeing]
+    shown += [tuple((one.camera == camera).sum() for camera in (0, 1)) for _, one in seen]
+    agreeing = agree(poses, poses, NEAR_DEG, near_m)
+    counts = np.where((agreeing @ np.array(shown)).min(1) >= LEAST_EACH, agreeing.sum(1), 0)
+    best = int(counts.argmax())
+    return (mean_pose(poses[agreeing[best]]), int(counts[best])) if counts[best] >= LEAST_VOTES else None
 
 
 def known_to(
