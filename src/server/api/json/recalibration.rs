@@ -50,7 +50,7 @@ struct ReferenceImage {
 #[derive(ToSchema)]
 #[schema(as = ClickedPairs)]
 #[serde(untagged)]
-#[expect(dead_code, reason = "describes JSON")]
+#[expect(dead_code, clippy::large_enum_variant, reason = "describes JSON")]
 enum PairsSchema {
     #[schema(title = "pair")]
     One(ClicksForm),
