@@ -82,6 +82,17 @@ def test_a_bundle_is_a_plain_tar_of_stated_files(trained, bundle, tmp_path):
     assert not list(tmp_path.glob(".*")), "nothing half-written"
 
 
+def test_a_report_may_have_nothing_to_compare(trained, tmp_path):
+    """As after a training that was stopped too early: of one held-out photo no other says where the object is."""
+    project = tmp_path / "cube"
+    shutil.copytree(trained[0], project)
+    path = project / "runs/cube/result.json"
+    told = json.loads(path.read_text())
+    path.write_text(json.dumps(told | {"held_out": told["held_out"][:1]}))
+    export((project, trained[1]), tmp_path / "out")
+    assert "0 of 1" in (project / "report-cube.html").read_text()
+
+
 def test_the_reference_is_the_boxs_frame_in_many_photos(trained, bundle):
     project, models = trained
     reference, network = json.loads(bundle["reference.json"]), read_network(models / "cube")
