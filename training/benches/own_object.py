@@ -63,12 +63,16 @@ def command(*words) -> tuple[float, float]:
     return time.time() - started, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+def print_differences(of: str, degrees: np.ndarray, millimetres: np.ndarray) -> None:
+    print(f"| {of} | median | worst |\n|---|---|---|")
+    print(f"| rotation, degrees | {np.median(degrees):.3f} | {degrees.max():.3f} |")
+    print(f"| place after scale, mm | {np.median(millimetres):.2f} | {millimetres.max():.2f} |")
+
+
 def score_cameras(project: Path, truth: Truth) -> None:
     found = scene_poses(project / "train/000000")
     degrees, millimetres, scale = differences([found[name] for name in truth.names], truth.camera_from_world)
-    print("| camera poses | median | worst |\n|---|---|---|")
-    print(f"| rotation, degrees | {np.median(degrees):.3f} | {degrees.max():.3f} |")
-    print(f"| place after scale, mm | {np.median(millimetres):.2f} | {millimetres.max():.2f} |")
+    print_differences("camera poses", degrees, millimetres)
     print(f"\nScale from the tags' side alone: {100 * (scale - 1):+.2f} %.")
     camera = json.loads((project / "train/000000/scene_camera.json").read_text())["0"]
     off = np.array(camera["cam_K"]).reshape(3, 3) - truth.matrix
@@ -141,9 +145,7 @@ def score_pairs(truth: Truth, folder: Path) -> None:
     print(
         f"\n{len(pairs)} pairs, {len(found) // 2} of them in one component after {clock:.0f} s ({cpu:.0f} of the CPUs)"
     )
-    print("| pairs | median | worst |\n|---|---|---|")
-    print(f"| rotation, degrees | {np.median(degrees):.3f} | {degrees.max():.3f} |")
-    print(f"| place after scale, mm | {np.median(millimetres):.2f} | {millimetres.max():.2f} |")
+    print_differences("pairs", degrees, millimetres)
     print(f"\nScale: {100 * (scale - 1):+.2f} %.")
 
 

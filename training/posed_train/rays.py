@@ -1,6 +1,11 @@
-"""Where rays meet, and where up is."""
+"""Where rays begin and meet, and where up is."""
 
 import numpy as np
+
+
+def origin(camera_from_world: np.ndarray) -> np.ndarray:
+    """Where the camera is, `[3]`."""
+    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
 
 
 def nearest_point(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:

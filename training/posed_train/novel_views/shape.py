@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..bop import DatasetError, View
+from ..rays import origin
 from ..registration import locate, project
 
 VOXELS = 112
@@ -96,8 +97,3 @@ def surface(shape: Shape, camera_matrix: np.ndarray, pose: np.ndarray, size: int
         met = shape.at(shape.full, eye + middle[:, None] * rays[hit]) > 0.5
         near, far = np.where(met, near, middle), np.where(met, middle, far)
     return eye + far[:, None] * rays[hit], hit.reshape(size, size)
-
-
-def origin(camera_from_component: np.ndarray) -> np.ndarray:
-    """Where the camera is, `[3]`."""
-    return -camera_from_component[:3, :3].T @ camera_from_component[:3, 3]

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from ..bop import DatasetError, View, read_mask, read_rgb
 from ..crops import Square
+from ..rays import origin
 from ..registration import project
 from .relight import relight
-from .shape import carve, origin, surface
+from .shape import carve, surface
 
 DEPTH_PX = 160
 """Side of a photo's depth map."""

@@ -21,6 +21,7 @@ from .label import Scene, draw_labels, read_image, read_scene, source_of
 from .labels import LEAST_BOX_PX, Entry, box_of, write_entries
 from .originals import Original, read_originals
 from .outlines import Label, box_overlap, find_shape, fit_solid, label_photo
+from .photos import listed
 from .project import Item, Project
 from .solid import Frame, Solid, bounds
 
@@ -30,7 +31,6 @@ FITTED = 30
 """Boxes that a 3D box is fitted to."""
 FITS_AGAIN = 0.5
 """A mistake is what it is if mended boxes are off by less than this share of what they were."""
-NAMED = 5
 MASK_FITS_BOX = 0.5
 
 
@@ -130,11 +130,6 @@ def by_object(
             f'with --category "{next(iter(others), "CATEGORY")}={project.items[0].name}"'
         )
     return dict(by_item), [f"not taken, for the project has no such object: {listed(others)}"] if others else []
-
-
-def listed(names) -> str:
-    names = [str(name) for name in dict.fromkeys(names)]
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
 def match(scenes: Sequence[Scene], found: Sequence[Given]) -> tuple[dict[int, Placed], list[str]]:

@@ -14,7 +14,7 @@ from .from_colmap import read_colmap
 from .from_pairs import read_pairs
 from .from_robot import board_moved, hand_eye, read_pose, read_robot, read_rows
 from .from_transforms import read_transforms
-from .overlap import Joined, in_words, join_pairs
+from .overlap import in_words, join_pairs
 from .photos import open_photo
 from .posed_photos import Posed, find_image, open_all
 from .scale import by_points, by_tags
@@ -32,11 +32,13 @@ def import_posed(options: argparse.Namespace) -> tuple[list[Imported], dict]:
         scenes = read_pairs(options.pairs, options.source)
         opened = [open_all(pair, (options.unit_mm or METRE_MM) / METRE_MM, options.max_px) for pair in scenes]
         check_baselines(opened)
-        joined = Joined(opened, []) if options.apart else join_pairs(opened)
+        source = {"source": str(options.pairs), "by": "pairs"}
+        if options.apart:
+            return [Imported(shots, []) for shots in opened], source
+        joined = join_pairs(opened)
         imported = [Imported(shots, []) for shots in joined.components]
-        if not options.apart:
-            imported[0].notes.extend(in_words(joined))
-        return imported, {"source": str(options.pairs), "by": "pairs"}
+        imported[0].notes.extend(in_words(joined))
+        return imported, source
     if options.poses:
         return [from_robot(options)], {"source": str(options.poses), "by": "poses"}
     if options.transforms:

@@ -1,7 +1,8 @@
 """Pairs that show one still scene become one component: what their photos share tells how their cameras stand.
 
 Points that both photos of a pair show have a place in space, in metres, by the pair's relative pose. Where another
-pair XX each pose is fitted once more to all that its neighbours know.
+pair sees them again, they tell its pose (PnP). So components grow, from the pair that shares most with others, by the
+one on whose pose most of those that are placed agree; in the end each pose is fitted to all that its neighbours know.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from ..rays import origin
 from ..registration import agree, mean_pose, project
+from .photos import listed
 from .scene import Shot
 
 FEATURES = 2000
@@ -43,7 +46,6 @@ ROUNDS = 3
 RANSAC_ROUNDS = 500
 MOST_POINTS = 800
 """That a pose is fitted to."""
-NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -105,9 +107,9 @@ def join_pairs(scenes: Sequence[list[Shot]]) -> Joined:
         waiting -= placed.keys()
         components.append(
             [
-                replace(shot, camera_from_world=shot.camera_from_world @ np.linalg.inv(placed[k]))
+                replace(shot, camera_from_world=camera_from_first @ np.linalg.inv(placed[k]))
                 for k in sorted(placed)
-                for shot in relative_to_first(scenes[k])
+                for shot, camera_from_first in zip(scenes[k], pairs[k].camera_from_first)
             ]
         )
     misfits = [shots[0].photo.name for shots, pair in zip(scenes, pairs) if not pair.fits]
@@ -134,7 +136,7 @@ def in_words(joined: Joined) -> list[str]:
         "Between photos of one scene the object must not have been moved (`check` tells); --apart joins none"
     )
     if len(sizes) > 1:
-        lone = listed([shots[0].photo.name for shots in joined.components[1:]])
+        lone = listed(shots[0].photo.name for shots in joined.components[1:])
         lines.append(
             f"the largest has {sizes[0]} pairs, and training begins with it; the net must place the others itself. "
             f"Take pairs between it and those of {lone}"
@@ -142,18 +144,10 @@ def in_words(joined: Joined) -> list[str]:
     return lines
 
 
-def listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
-
-
-def relative_to_first(shots: Sequence[Shot]) -> list[Shot]:
-    world_from_first = np.linalg.inv(shots[0].camera_from_world)
-    return [replace(shot, camera_from_world=shot.camera_from_world @ world_from_first) for shot in shots]
-
-
 def read_pair(shots: Sequence[Shot]) -> Pair:
     seen = tuple(look(shot) for shot in shots)
-    poses = tuple(shot.camera_from_world for shot in relative_to_first(shots))
+    world_from_first = np.linalg.inv(shots[0].camera_from_world)
+    poses = tuple(shot.camera_from_world @ world_from_first for shot in shots)
     landmarks, fits = triangulate(seen, poses)
     return Pair(seen, poses, landmarks, fits)
 
@@ -202,7 +196,7 @@ def triangulate(seen: tuple[Seen, Seen], poses: tuple[np.ndarray, np.ndarray]) -
         good &= points @ pose[2, :3] + pose[2, 3] > 0
         good &= np.linalg.norm(project(one.matrix, pose, points) - at, axis=1) < NEAR_PX
     fits = good.sum() >= LEAST_FITTING * epipolar(seen, pixels)
-    rays = [points - (-pose[:3, :3].T @ pose[:3, 3]) for pose in poses]
+    rays = [points - origin(pose) for pose in poses]
     rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
     good &= (rays[0] * rays[1]).sum(1) < np.cos(np.radians(LEAST_PARALLAX_DEG))
     return Landmarks(points[good], first.descriptors[found[good, 0]]), fits

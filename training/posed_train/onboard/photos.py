@@ -1,7 +1,7 @@
 """Photos and videos as they come from cameras: found, read, judged by their sharpness."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ DEFAULT_MAX_PX = 1920
 MAX_PIXELS = 200_000_000
 DRAFT = 64, 64
 """A JPEG need not be decoded in full to see that it is whole."""
+NAMED = 5
 SHARP = 0.55
 """Sharpness of photos of a board that a Gaussian of 1.3 px has blurred."""
 
@@ -109,16 +110,21 @@ def open_photo(path: Path, max_px: int = DEFAULT_MAX_PX) -> Photo:
     return Photo(path.name, path, width, height, turns, unscaled, False, stored, orientation if turns else 1)
 
 
+def listed(names: Iterable[object]) -> str:
+    """The first few, each once, and how many more."""
+    words = [str(name) for name in dict.fromkeys(names)]
+    return ", ".join(words[:NAMED]) + (f" and {len(words) - NAMED} more" if len(words) > NAMED else "")
+
+
 def of_one_size(photos: list[Photo]) -> tuple[int, int]:
     """The size that all photos have; refuses a mixture, for it is of several cameras."""
     sizes = [(photo.width, photo.height) for photo in photos]
     usual = max(set(sizes), key=sizes.count)
     others = [photo for photo, size in zip(photos, sizes) if size != usual]
     if others:
-        names = ", ".join(f"{photo.name} ({photo.width}x{photo.height})" for photo in others[:5])
-        more = f" and {len(others) - 5} more" if len(others) > 5 else ""
+        names = listed(f"{photo.name} ({photo.width}x{photo.height})" for photo in others)
         raise DatasetError(
-            f"most photos have {usual[0]}x{usual[1]} px, but {names}{more}: take all photos with one camera, without "
+            f"most photos have {usual[0]}x{usual[1]} px, but {names}: take all photos with one camera, without "
             "zoom, and do not crop or turn them afterwards"
         )
     return usual
