@@ -83,7 +83,7 @@ def table(rows: Sequence[Row], seen: Coverage) -> str:
         if len(values):
             least, median, most = (form.format(f(values)) for f in (np.min, np.median, np.max))
             lines.append(f"{name:<20}{least:>9} {median:>9} {most:>9}")
-    lines.append(f"directions covered  {seen.share:>9.0%}  (of {sum(SECTORS)} sectors above)")
+    lines.append(f"directions covered  {seen.share:>9.0%}  (of {sum(SECTORS)} sectors above the horizon)")
     return "\n".join(lines)
 
 
@@ -98,7 +98,7 @@ def draw_coverage(seen: Coverage, path: Path) -> None:
     axes.plot([], [], color="tab:red", label="photograph from here, too")
     axes.set_rlim(0, 90)
     axes.set_rgrids([30, 60, 90], ["60°", "30°", "0°"])
-    axes.set_title("From where the photos look (degrees above it)", pad=16)
+    axes.set_title("From where the photos look (degrees above the horizon)", pad=16)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
