@@ -4,7 +4,8 @@ Prints the tables of docs/benchmarks/own-object.md.
     .venv/bin/python -m benches.from_photos SCENE MESHES --keep FOLDER [--backgrounds FOLDER] [--other SCENE]
 
 The scene is BOP's, of the things on a board that `own_object` names; the commands see its photos alone. `--score` takes
-the networks that are in FOLDER already.
+the networks that are in FOLDER already. With `--photos` fewer are learned from, spread over the scene; the same third
+is held out.
 """
 
 import argparse
@@ -41,18 +42,26 @@ def thirds(scene: Path) -> tuple[list[str], list[str]]:
     return [name for k, name in enumerate(names) if k % 3 != 1], names[1::3]
 
 
+def some_of(names: list[str], count: int, objects: list[str]) -> list[str]:
+    """So many photos, spread over all; those on which a box of these objects is drawn are among them."""
+    drawn = {f"{photo}.jpg" for name in objects for photo in DRAWN[name]}
+    others = [name for name in names if name not in drawn]
+    chosen = np.linspace(0, len(others) - 1, count - len(drawn)).round().astype(int)
+    return sorted(drawn | {others[k] for k in chosen})
+
+
 def learn(arguments: argparse.Namespace, used: list[str]) -> None:
-    keep = arguments.keep
+    keep, objects = arguments.keep, arguments.objects
     photos, project = keep / "photos", keep / "project"
     photos.mkdir(parents=True)
     for name in used:
         os.symlink((arguments.scene / "rgb" / name).resolve(), photos / name)
-    boxes = {n: {"boxes": {f"{photo}.jpg": box for photo, box in of.items()}} for n, of in DRAWN.items()}
+    boxes = {n: {"boxes": {f"{photo}.jpg": box for photo, box in DRAWN[n].items()}} for n in objects}
     (keep / "boxes.json").write_text(json.dumps(boxes))
-    steps = "--steps", arguments.steps, "--detector-steps", arguments.detector_steps
+    steps = "--steps", arguments.steps, "--detector-steps", arguments.detector_steps, "--network", arguments.network
     print(f"{len(used)} photos\n\n| minutes | clock | CPUs |\n|---|---|---|")
     for words in (
-        ("new", project, photos, "--tag-mm", TAG_MM, "--objects", *OBJECTS),
+        ("new", project, photos, "--tag-mm", TAG_MM, "--objects", *objects),
         ("label", project, "--box", keep / "boxes.json"),
         ("check", project),
         ("train", project, "--models", keep / "models", *steps),
@@ -60,15 +69,23 @@ def learn(arguments: argparse.Namespace, used: list[str]) -> None:
     ):
         if words[0] == "train" and arguments.backgrounds:
             shutil.copytree(arguments.backgrounds, project / "backgrounds")
+        if words[0] == "train" and arguments.threads:
+            words += ("--threads", arguments.threads)
         clock, cpu = command(*words)
         print(f"| `{words[0]}` | {clock / 60:.1f} | {cpu / 60:.1f} |", flush=True)
 
 
-def renumbered(scene: Path, names: list[str] | None, out: Path) -> Path:
-    """Some photos of a scene, with the numbers that the project gives its objects."""
+def numbers(arguments: argparse.Namespace) -> dict[str, int]:
+    """That the project gave its objects."""
+    manifests = {name: arguments.keep / "models" / name / "object.json" for name in arguments.objects}
+    return {name: json.loads(path.read_text())["obj_id"] for name, path in manifests.items()}
+
+
+def renumbered(scene: Path, names: list[str] | None, of: dict[str, int], out: Path) -> Path:
+    """Some photos of a scene, with these numbers of its objects."""
     shutil.rmtree(out, ignore_errors=True)
     (out / "rgb").mkdir(parents=True)
-    new_ids = {OBJ_IDS[name]: number for number, name in enumerate(OBJECTS, 1)}
+    new_ids = {OBJ_IDS[name]: number for name, number in of.items()}
     tables = {name: json.loads((scene / f"scene_{name}.json").read_text()) for name in ("camera", "gt", "gt_info")}
     files = {key: f"{int(key):06d}.jpg" for key in tables["gt"]}
     kept = [key for key, file in files.items() if names is None or file in names]
@@ -95,7 +112,7 @@ def evaluate(name: str, number: int, learned: Path, split: Path, arguments: argp
     run(arguments.posed, "calibrate", name, "--scene", learned, *chosen, *common)
     out, meshes = arguments.keep / "said", arguments.keep / "meshes"
     shutil.rmtree(out, ignore_errors=True)
-    copy_meshes(arguments.meshes, meshes)
+    copy_meshes(arguments.meshes, numbers(arguments), meshes)
     words = ("--split", split, "--meshes", meshes, "--visible", "0.7..1", "--json", f"{out}.json", "--bop", out)
     run(arguments.posed, "evaluate", name, *words, *common)
     estimates = read_estimates(next(out.glob("*.csv")), number)
@@ -103,11 +120,11 @@ def evaluate(name: str, number: int, learned: Path, split: Path, arguments: argp
     return [view | {"estimate": estimates.get((int(view["scene"]), view["image_id"]))} for view in views]
 
 
-def copy_meshes(folder: Path, out: Path) -> None:
+def copy_meshes(folder: Path, of: dict[str, int], out: Path) -> None:
     out.mkdir(exist_ok=True)
     info = json.loads((folder / "models_info.json").read_text())
     new = {}
-    for number, name in enumerate(OBJECTS, 1):
+    for name, number in of.items():
         new[str(number)] = info[str(OBJ_IDS[name])]
         shutil.copy(folder / f"obj_{OBJ_IDS[name]:06d}.ply", out / f"obj_{number:06d}.ply")
     (out / "models_info.json").write_text(json.dumps(new))
@@ -181,26 +198,30 @@ def main() -> None:
     parser.add_argument("meshes", type=Path, help="BOP models folder, to score")
     parser.add_argument("--keep", type=Path, required=True, help="where the project goes, and the networks")
     parser.add_argument("--score", action="store_true", help="what is in --keep already")
-    parser.add_argument("--objects", nargs="+", default=OBJECTS, choices=OBJECTS, help="to score")
+    parser.add_argument("--objects", nargs="+", default=OBJECTS, choices=OBJECTS, help="to learn and to score")
     parser.add_argument("--other", type=Path, help="another scene, to score by")
     parser.add_argument("--backgrounds", type=Path, help="photos for the project's backgrounds")
+    parser.add_argument("--photos", type=int, help="to learn from; all but the held-out third, if not given")
+    parser.add_argument("--network", default="lite0", help="of the keypoint nets")
+    parser.add_argument("--threads", type=int, help="of each training")
     parser.add_argument("--steps", type=int, default=6000)
     parser.add_argument("--detector-steps", type=int, default=1500)
     parser.add_argument("--posed", type=Path, default=POSED)
     arguments = parser.parse_args()
     used, held_out = thirds(arguments.scene)
+    if arguments.photos is not None:
+        used = some_of(used, arguments.photos, arguments.objects)
     if not arguments.score:
         learn(arguments, used)
-    splits = arguments.keep / "splits"
-    learned = renumbered(arguments.scene, used, splits / "learned/000000")
-    scored = {"held out": renumbered(arguments.scene, held_out, splits / "held-out/000000")}
+    splits, of = arguments.keep / "splits", numbers(arguments)
+    learned = renumbered(arguments.scene, used, of, splits / "learned/000000")
+    scored = {"held out": renumbered(arguments.scene, held_out, of, splits / "held-out/000000")}
     if arguments.other:
-        scored["other"] = renumbered(arguments.other, None, splits / "other/000000")
+        scored["other"] = renumbered(arguments.other, None, of, splits / "other/000000")
     for what, scene in scored.items():
         print(f"\n| {what} | degrees to the nearest photo | views | 5°5cm | degrees | mm | depth, mm |")
         print("|---|---|---|---|---|---|---|")
-        for name in arguments.objects:
-            number = 1 + OBJECTS.index(name)
+        for name, number in of.items():
             try:
                 views = evaluate(name, number, learned, scene.parent, arguments)
             except subprocess.CalledProcessError:  # it has said why: a network too poor to be tied to the truth's frame

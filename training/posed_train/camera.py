@@ -11,7 +11,7 @@ READ_NOISE, SHOT_NOISE = (0.5, 7.0), 0.5
 
 
 def vary_camera(crop: np.ndarray, rng: np.random.Generator, strength: float) -> np.ndarray:
-    """`[S, S, 3]` float32 to uint8."""
+    """`[H, W, 3]` float32 to uint8."""
     s = strength
     if rng.random() < 0.15 * s:
         crop = split_colours(crop, rng)
@@ -34,7 +34,7 @@ def vary_camera(crop: np.ndarray, rng: np.random.Generator, strength: float) -> 
 
 def split_colours(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Red and blue a little larger or smaller than green, and beside it: chromatic aberration."""
-    size, shift = len(crop), rng.normal(0, 0.6, 2)
+    size, shift = np.array(crop.shape[1::-1]), rng.normal(0, 0.6, 2)
     grown = rng.normal(0, 0.004)
     channels = list(cv2.split(crop))
     for channel, sign in ((0, 1), (2, -1)):
@@ -42,7 +42,7 @@ def split_colours(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         moved = (1 - scale) * (size - 1) / 2 + sign * shift
         affine = np.array([[scale, 0, moved[0]], [0, scale, moved[1]]])
         channels[channel] = cv2.warpAffine(
-            channels[channel], affine, (size, size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            channels[channel], affine, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
     return cv2.merge(channels)
 
@@ -65,9 +65,9 @@ def flicker(size: int, rng: np.random.Generator) -> np.ndarray:
 def noise(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A sensor's: more variance where there is more light. Half the time blurred, as colours are interpolated."""
     dark, bright = rng.uniform(*READ_NOISE), rng.uniform(0, SHOT_NOISE)
-    size = len(crop)
-    top, left = rng.integers(NOISE_SIDE - size + 1, size=2)
-    drawn = normal_noise(bool(rng.random() < 0.5))[top : top + size, left : left + size]
+    height, width = crop.shape[:2]
+    top, left = rng.integers(NOISE_SIDE - height + 1), rng.integers(NOISE_SIDE - width + 1)
+    drawn = normal_noise(bool(rng.random() < 0.5))[top : top + height, left : left + width]
     return drawn * cv2.sqrt(crop * float(bright) + float(dark**2))
 
 

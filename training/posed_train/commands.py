@@ -129,7 +129,8 @@ def run_detector(arguments: argparse.Namespace) -> None:
     scores = {}
     if settings.validation:
         scores = detector.recall(model, detector.read_samples(arguments.data / settings.validation, settings.obj_ids))
-    summary = {"steps": settings.steps, "validation": {key: round(value, 3) for key, value in scores.items()}}
+    summary = {"network": settings.network, "steps": settings.steps}
+    summary["validation"] = {key: round(value, 3) for key, value in scores.items()}
     out = arguments.models / "detector"
     export.export_detector(model.cpu(), settings.labels, out, summary, settings.score_threshold)
     print(f"{out}: {summary}")

@@ -75,6 +75,7 @@ class DetectorConfig:
     rasterised: str | list[str]
     validation: str
     backgrounds: str = ""
+    network: str = "lite0"  # whose encoder it has: `lite0`, from ImageNet, or `lite`, from nothing
     steps: int = 3000
     batch: int = 8
     learning_rate: float = 1e-3

@@ -116,7 +116,8 @@ class Lite(Design):
         self.decoder = Decoder(self.encoder.widths, scaled=self.pretrained)
         self.head = nn.Conv2d(self.encoder.widths[0], keypoints, 1)
 
-    def make_encoder(self) -> nn.Module:
+    @staticmethod
+    def make_encoder() -> nn.Module:
         return Encoder()
 
     def taps(self, x: Tensor) -> list[Tensor]:
@@ -133,7 +134,8 @@ class Lite0(Lite):
     pretrained = True
     depthwise = True
 
-    def make_encoder(self) -> nn.Module:
+    @staticmethod
+    def make_encoder() -> nn.Module:
         return efficientnet.Encoder()
 
 

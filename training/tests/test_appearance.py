@@ -113,6 +113,8 @@ def test_cameras_keep_green_in_its_place_and_channels_in_theirs(rng, stripes):
     split = split_colours(crop, rng)
     np.testing.assert_array_equal(split[..., 1], crop[..., 1])
     assert np.abs(split[..., 0] - crop[..., 0]).max() > 0
+    wide = np.tile(crop, (1, 2, 1))[:, : SIZE + 20]
+    assert split_colours(wide, rng).shape == noise(wide, rng).shape == wide.shape
     again = compress(stripes, 90).astype(int)
     assert np.abs(again - stripes).mean() < 4
     rows = flicker(SIZE, rng)

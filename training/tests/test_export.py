@@ -22,7 +22,7 @@ def test_weights_in_bytes_are_near_and_stay_what_they_are():
 
 def test_the_manifest_states_how_many_boxes_of_a_class_the_graph_returns(tmp_path):
     torch.manual_seed(0)
-    export_detector(detector.build(2), ["a", "b"], tmp_path, {})
+    export_detector(detector.build(2, "lite0"), ["a", "b"], tmp_path, {})
     manifest = json.loads((tmp_path / "detector.json").read_text())
     # An untrained net sees objects everywhere.
     noise = np.random.default_rng(0).integers(0, 256, (1, detector.HEIGHT, detector.WIDTH, 3), np.uint8)

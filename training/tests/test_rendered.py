@@ -172,9 +172,11 @@ def test_a_trained_net_is_a_start_for_more_keypoints_and_for_the_detector(render
     started = train.Trainer(more, keypoints, tmp_path / "checkpoint.pt").model.state_dict()
     for name, value in first.average.state_dict().items():
         assert torch.equal(started[name][: len(value)] if value.ndim else started[name], value), name
-    settings = config.DetectorConfig(["cube"], [1], "train", "", "", steps=1, batch=1)
+    settings = config.DetectorConfig(["cube"], [1], "train", "", "", network="lite", steps=1, batch=1)
     encoder = detector.Trainer(settings, tmp_path / "checkpoint.pt").model.backbone.encoder.state_dict()
     assert all(torch.equal(value, started[f"design.encoder.{name}"]) for name, value in encoder.items())
+    with pytest.raises(ValueError, match='not a checkpoint of a keypoint net with network = "lite0"'):
+        detector.Trainer(replace(settings, network="lite0"), tmp_path / "checkpoint.pt")
     with pytest.raises(ValueError, match=r"another network.*design\.head\.bias"):
         train.start_from(first.model, {k: v for k, v in first.average.state_dict().items() if "head" not in k})
 
@@ -277,8 +279,43 @@ def test_settings_that_cannot_be_are_named(rendered):
             train.train(replace(CUBE, **change), rendered, rendered / "nowhere")
 
 
+def test_a_detector_from_imagenet_keeps_its_first_stages_and_statistics(rendered):
+    settings = config.DetectorConfig(["cube"], [1], "train", "", "", batch=2)
+    fresh = efficientnet.Encoder()
+    fresh.load_imagenet()
+    trainer = detector.Trainer(settings, None)
+    samples = detector.read_samples(rendered / "train", [1])
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        trainer.train_step(detector.draw([samples], [], 2, rng))
+    before, after = fresh.state_dict(), trainer.model.backbone.encoder.state_dict()
+    kept = {name for name, value in after.items() if torch.equal(value, before[name])}
+    held = ("stem.", "stages.0.", "stages.1.")
+    assert kept == {name for name in before if name.startswith(held) or "running" in name or "num_batches" in name}
+    slow, fast = (group["lr"] for group in reversed(trainer.optimizer.param_groups))
+    assert 0 < slow < fast
+    with pytest.raises(ValueError, match="'paper': a detector has the encoder of lite0 or lite"):
+        detector.Trainer(replace(settings, network="paper"), None)
+
+
+def test_a_detector_sees_backgrounds_without_objects_and_boxes_that_stay_on_theirs(rendered):
+    """Of one colour: the object alone is bright, so its box can be told by the pixels."""
+    image = np.zeros((detector.HEIGHT, detector.WIDTH, 3), np.uint8)
+    image[100:180, 200:320] = 255
+    sample = detector.Sample(image, image[..., 0], np.array([[200.0, 100, 320, 180]]), np.zeros(1, int), np.ones(1))
+    rng, empty = np.random.default_rng(1), 0
+    for _ in range(40):
+        (drawn,) = detector.draw([[sample]], [np.zeros((200, 300, 3), np.uint8)], 1, rng)
+        assert drawn.image.shape == image.shape and drawn.image.dtype == np.uint8
+        empty += not len(drawn.boxes)
+        for x1, y1, x2, y2 in drawn.boxes.round().astype(int):
+            inside = drawn.image[y1 + 4 : y2 - 4, x1 + 4 : x2 - 4].mean()
+            assert inside > drawn.image[:, :, :].mean()
+    assert 0 < empty < 20
+
+
 def test_exported_detector_agrees_with_torchvision(rendered, tmp_path):
-    settings = config.DetectorConfig(["cube", "link"], [1, 4], "train", "", "", steps=30, batch=4)
+    settings = config.DetectorConfig(["cube", "link"], [1, 4], "train", "", "", steps=20, batch=2)
     model = detector.train(settings, rendered, tmp_path / "run")
     export.export_detector(model, settings.labels, tmp_path / "detector", {})
     image = detector.letterbox(cv2.imread(str(rendered / "train/000000/rgb/000000.jpg"), cv2.IMREAD_COLOR_RGB))[0]

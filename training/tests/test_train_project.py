@@ -26,7 +26,8 @@ def test_a_project_trains_without_settings(project, tmp_path, capfd):
         manifest = json.loads((models / name / "object.json").read_text())
         assert manifest["name"] == name and manifest["model_sha256"] == export.sha256(models / name / "keypoints.onnx")
         assert manifest["training"]["held_out"]["photos"] > 2
-    assert json.loads((models / "detector/detector.json").read_text())["labels"] == ["cube", "motor"]
+    manifest = json.loads((models / "detector/detector.json").read_text())
+    assert manifest["labels"] == ["cube", "motor"] and manifest["training"]["network"] == "lite0"
     printed = capfd.readouterr().out
     assert re.search(r"step 2 of 2: loss \d+\.\d+; \d+ of \d+ held-out photos agree", printed)
     # What is weak, and what to do about it.
@@ -37,6 +38,8 @@ def test_a_project_trains_without_settings(project, tmp_path, capfd):
     before = (project / "runs/cube/log.csv").read_text()
     run(*words)
     assert (project / "runs/cube/log.csv").read_text() == before
+    with pytest.raises(SystemExit, match="network 'large': choose one of lite0,"):
+        run(*words, "--network", "large")
 
 
 def test_more_photos_are_a_scene_of_their_own(project, board_photos, drawn, tmp_path, capsys):

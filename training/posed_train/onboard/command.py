@@ -207,6 +207,7 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=whole(1), default=6000, help="of each keypoint net, at most")
     parser.add_argument("--to-the-end", action="store_true", help="all --steps, whether or not held-out photos gain")
     parser.add_argument("--detector-steps", type=whole(1), default=1500)
+    parser.add_argument("--network", default="lite0", help="of each keypoint net: lite0, lite, lite0-224 or paper")
     parser.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
     parser.add_argument(
         "--workers", type=whole(0), default=0, help="processes that prepare batches; a GPU needs several"
@@ -227,6 +228,7 @@ def run_train(arguments: argparse.Namespace) -> None:
         steps=arguments.steps,
         detector_steps=arguments.detector_steps,
         workers=arguments.workers,
+        network=arguments.network,
         threads=arguments.threads,
         stops_itself=not arguments.to_the_end,
     )

