@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Trains all demo models: `train-demo.sh DATA`, DATA holding backgrounds/, a folder of photos; what else is missing is
-# rendered there. Stopped, it goes on where it was.
+# rendered there. Stopped, it goes on where it was. After it, calibrate the references anew and run `fit-trust.sh`.
 set -euo pipefail
 data=$(realpath "$1")
 cd "$(dirname "$0")"
@@ -30,6 +30,7 @@ images cycles-link --engine cycles --scenes 487 --views 1 --first 72000 --camouf
 images cycles-crowd --engine cycles --scenes 230 --views 1 --first 73000 --camouflage 0.5 --objects 1 2 3 --copies 3
 images cycles-cameras --engine cycles --scenes 81 --views 1 --first 91000 --camouflage 0.5 --copies 3
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
+images rasterised-detector --scenes 160 --views 6 --first 50000 --camouflage 0.4
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
 
 for object in cube bracket; do
@@ -70,4 +71,4 @@ $train keypoints demo/cameras/cube-2.toml --data "$data" --models runs/cameras-2
 	--init runs/cameras/cube/best.pt
 .venv/bin/python -m benches.mean_of_nets demo/cameras/cube-2.toml runs/cameras/cube runs/cameras-2/cube --data "$data" \
 	--models demo/cameras
-$train detector demo/detector.toml --data "$data" --models ../models --init runs/cube/checkpoint.pt
+$train detector demo/detector.toml --data "$data" --models ../models

@@ -202,6 +202,7 @@ def main() -> None:
     parser.add_argument("--other", type=Path, help="another scene, to score by")
     parser.add_argument("--backgrounds", type=Path, help="photos for the project's backgrounds")
     parser.add_argument("--photos", type=int, help="to learn from; all but the held-out third, if not given")
+    parser.add_argument("--all", action="store_true", help="learn from all photos, none is held out: for --other")
     parser.add_argument("--network", default="lite0", help="of the keypoint nets")
     parser.add_argument("--threads", type=int, help="of each training")
     parser.add_argument("--steps", type=int, default=6000)
@@ -209,13 +210,17 @@ def main() -> None:
     parser.add_argument("--posed", type=Path, default=POSED)
     arguments = parser.parse_args()
     used, held_out = thirds(arguments.scene)
+    if arguments.all:
+        used, held_out = sorted(used + held_out), []
     if arguments.photos is not None:
         used = some_of(used, arguments.photos, arguments.objects)
     if not arguments.score:
         learn(arguments, used)
     splits, of = arguments.keep / "splits", numbers(arguments)
     learned = renumbered(arguments.scene, used, of, splits / "learned/000000")
-    scored = {"held out": renumbered(arguments.scene, held_out, of, splits / "held-out/000000")}
+    scored = {}
+    if held_out:
+        scored["held out"] = renumbered(arguments.scene, held_out, of, splits / "held-out/000000")
     if arguments.other:
         scored["other"] = renumbered(arguments.other, None, of, splits / "other/000000")
     for what, scene in scored.items():
