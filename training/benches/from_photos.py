@@ -206,7 +206,7 @@ def main() -> None:
     parser.add_argument("--network", default="lite0", help="of the keypoint nets")
     parser.add_argument("--threads", type=int, help="of each training")
     parser.add_argument("--steps", type=int, default=6000)
-    parser.add_argument("--detector-steps", type=int, default=1500)
+    parser.add_argument("--detector-steps", type=int, default=600)
     parser.add_argument("--posed", type=Path, default=POSED)
     arguments = parser.parse_args()
     used, held_out = thirds(arguments.scene)

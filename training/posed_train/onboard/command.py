@@ -206,7 +206,7 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--models", type=Path, default=Path("models"), help="where the export goes")
     parser.add_argument("--steps", type=whole(1), default=6000, help="of each keypoint net, at most")
     parser.add_argument("--to-the-end", action="store_true", help="all --steps, whether or not held-out photos gain")
-    parser.add_argument("--detector-steps", type=whole(1), default=1500)
+    parser.add_argument("--detector-steps", type=whole(1), default=600)
     parser.add_argument("--network", default="lite0", help="of each keypoint net: lite0, lite, lite0-224 or paper")
     parser.add_argument("--init", type=Path, help="checkpoint of a keypoint net to start from")
     parser.add_argument(
