@@ -111,7 +111,14 @@ impl Service {
             });
             files.push((file, view.image.to_vec()));
         }
-        let reference = calibrate(&model, measured, options)?;
+        // Callers know the number of an image, not the name of its file.
+        let reference = calibrate(&model, measured, options).map_err(|error| match error {
+            CalibrateError::Measure { file, source } => {
+                let index = files.iter().position(|(name, _)| *name == file).unwrap_or(0);
+                of_image(index, Failure::new(FailureKind::Unmeasurable, source.to_string()))
+            }
+            other => other.into(),
+        })?;
         // No change of objects may come between, or the new ones would not know of it.
         let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;
         let no_change = no_change.map_err(|_| {
