@@ -117,7 +117,7 @@ impl Service {
                 let index = files.iter().position(|(name, _)| *name == file).unwrap_or(0);
                 of_image(index, Failure::new(FailureKind::Unmeasurable, source.to_string()))
             }
-            other => other.into(),
+            CalibrateError::Average(_) | CalibrateError::StatedPose(_) => error.into(),
         })?;
         // No change of objects may come between, or the new ones would not know of it.
         let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;
