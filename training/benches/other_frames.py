@@ -1,5 +1,5 @@
-"""What the frame costs in another room: the poses that `benches.from_photos --other` left in FOLDER, with the frame told
-by each photo of that room in turn, and by all of them. Of views within ten degrees of a photo that was learned from.
+"""What the frame costs in another room: the poses that `benches.from_photos --other` left in FOLDER, with the frame
+told by each photo of that room in turn, and by all of them. Of views within ten degrees of a photo learned from.
 
     .venv/bin/python -m benches.other_frames FOLDER [--number OBJ_ID]
 """
