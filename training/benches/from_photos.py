@@ -58,19 +58,18 @@ def learn(arguments: argparse.Namespace, used: list[str]) -> None:
         os.symlink((arguments.scene / "rgb" / name).resolve(), photos / name)
     boxes = {n: {"boxes": {f"{photo}.jpg": box for photo, box in DRAWN[n].items()}} for n in objects}
     (keep / "boxes.json").write_text(json.dumps(boxes))
-    steps = "--steps", arguments.steps, "--detector-steps", arguments.detector_steps, "--network", arguments.network
+    options = ["--steps", arguments.steps, "--detector-steps", arguments.detector_steps, "--network", arguments.network]
+    options += ["--threads", arguments.threads] if arguments.threads else []
     print(f"{len(used)} photos\n\n| minutes | clock | CPUs |\n|---|---|---|")
     for words in (
         ("new", project, photos, "--tag-mm", TAG_MM, "--objects", *objects),
         ("label", project, "--box", keep / "boxes.json"),
         ("check", project),
-        ("train", project, "--models", keep / "models", *steps),
+        ("train", project, "--models", keep / "models", *options),
         ("export", project, "--models", keep / "models", "--out", keep),
     ):
         if words[0] == "train" and arguments.backgrounds:
             shutil.copytree(arguments.backgrounds, project / "backgrounds")
-        if words[0] == "train" and arguments.threads:
-            words += ("--threads", arguments.threads)
         clock, cpu = command(*words)
         print(f"| `{words[0]}` | {clock / 60:.1f} | {cpu / 60:.1f} |", flush=True)
 
@@ -112,7 +111,6 @@ def evaluate(name: str, number: int, learned: Path, split: Path, arguments: argp
     run(arguments.posed, "calibrate", name, "--scene", learned, *chosen, *common)
     out, meshes = arguments.keep / "said", arguments.keep / "meshes"
     shutil.rmtree(out, ignore_errors=True)
-    copy_meshes(arguments.meshes, numbers(arguments), meshes)
     words = ("--split", split, "--meshes", meshes, "--visible", "0.7..1", "--json", f"{out}.json", "--bop", out)
     run(arguments.posed, "evaluate", name, *words, *common)
     estimates = read_estimates(next(out.glob("*.csv")), number)
@@ -165,13 +163,18 @@ def from_object(poses: list[np.ndarray]) -> np.ndarray:
     return places / np.linalg.norm(places, axis=1, keepdims=True)
 
 
+def from_nearest_deg(pose: np.ndarray, photographed: np.ndarray) -> float:
+    """Degrees between the direction of a view and the nearest of these."""
+    return float(np.degrees(np.arccos(np.clip((from_object([pose]) @ photographed.T).max(), -1, 1))))
+
+
 def table(name: str, number: int, learned: Path, scene: Path, views: list[dict]) -> None:
     photographed = from_object(list(directions(learned, number, 0.35).values()))
     truth = directions(scene, number)
     rows = []
     for view in views:
         true, found = truth[view["image_id"]], view["estimate"]
-        nearest = np.degrees(np.arccos(np.clip((from_object([true]) @ photographed.T).max(), -1, 1)))
+        nearest = from_nearest_deg(true, photographed)
         if found is None:
             rows.append((nearest, np.inf, np.inf, np.nan))
             continue
@@ -217,6 +220,7 @@ def main() -> None:
     if not arguments.score:
         learn(arguments, used)
     splits, of = arguments.keep / "splits", numbers(arguments)
+    copy_meshes(arguments.meshes, of, arguments.keep / "meshes")
     learned = renumbered(arguments.scene, used, of, splits / "learned/000000")
     scored = {}
     if held_out:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benches.from_photos import directions, from_object, read_estimates
+from benches.from_photos import directions, from_nearest_deg, from_object, read_estimates
 from posed_train.metrics import rotation_error_deg, translation_error_m
 
 NEAR_DEG = 10
@@ -34,8 +34,7 @@ def main() -> None:
     views = json.loads((folder / "said.json").read_text())["views"]
     found = {image: pose for (_, image), pose in read_estimates(next((folder / "said").glob("*.csv")), number).items()}
     peaks = {v["image_id"]: v["evidence"]["peak"] for v in views if v["evidence"] and v["image_id"] in found}
-    closest = {image: (from_object([truth[image]]) @ photographed.T).max() for image in peaks}
-    near = [image for image in peaks if np.degrees(np.arccos(np.clip(closest[image], -1, 1))) < NEAR_DEG]
+    near = [image for image in peaks if from_nearest_deg(truth[image], photographed) < NEAR_DEG]
     offsets = {image: np.linalg.inv(found[image]) @ truth[image] for image in peaks}
 
     def errors(offset: np.ndarray, without: int | None = None) -> list[tuple[float, float]]:

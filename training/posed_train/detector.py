@@ -198,8 +198,7 @@ class Trainer(optimise.Run):
         if self.kind.pretrained:
             if encoder is None:
                 own.load_imagenet()
-            for part in FROZEN:
-                own.get_submodule(part).requires_grad_(False)
+            optimise.freeze(own, FROZEN, normalisation=True)
         slow = own if self.kind.pretrained else None
         super().__init__(model, config.learning_rate, config.steps, slow, ENCODER_RATE)
 

@@ -48,6 +48,19 @@ def mixed_precision(device: torch.device, depthwise: bool = False) -> torch.auto
     return torch.autocast(device.type, torch.bfloat16, enabled=device.type != "cpu" or fast_on_cpu)
 
 
+def freeze(module: nn.Module, parts: Sequence[str], normalisation: bool) -> None:
+    """Holds the convolutions of these parts, and their normalisation, too, if so wanted."""
+    modules = dict(module.named_modules())
+    kinds = (nn.Conv2d, nn.BatchNorm2d) if normalisation else nn.Conv2d
+    for part in parts:
+        if part not in modules:
+            known = ", ".join(name for name in modules if name and name.count(".") <= 2)
+            raise ValueError(f"frozen {part!r}: the network has no such part; it has {known}, and parts of these")
+        for layer in modules[part].modules():
+            if isinstance(layer, kinds):
+                layer.requires_grad_(False)
+
+
 class Run:
     """A training in progress: everything that a checkpoint must hold. `slow` is a part that learns at a share of the
     rate."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from tqdm import tqdm
 
 from . import bop, exported, joined, metrics, optimise, pairwise, stopping
@@ -74,19 +74,6 @@ def start_from(model: KeypointNet, weights: dict[str, Tensor]) -> None:
     model.load_state_dict(weights)
 
 
-def freeze(model: KeypointNet, parts: list[str], normalisation: bool) -> None:
-    """Holds the convolutions of these parts, and their normalisation, too, if so wanted."""
-    modules = dict(model.design.named_modules())
-    kinds = (nn.Conv2d, nn.BatchNorm2d) if normalisation else nn.Conv2d
-    for part in parts:
-        if part not in modules:
-            known = ", ".join(name for name in modules if name and name.count(".") <= 2)
-            raise ValueError(f"frozen {part!r}: the network has no such part; it has {known}, and parts of these")
-        for module in modules[part].modules():
-            if isinstance(module, kinds):
-                module.requires_grad_(False)
-
-
 class Trainer(optimise.Run):
     """A keypoint net's training."""
 
@@ -106,7 +93,7 @@ class Trainer(optimise.Run):
             model.design.encoder.load_imagenet()
         elif config.frozen or config.frozen_statistics:
             raise ValueError("frozen: only a training that starts from a checkpoint (--init) can hold parts of it")
-        freeze(model, config.frozen, config.frozen_statistics)
+        optimise.freeze(model.design, config.frozen, config.frozen_statistics)
         slow = model.design.encoder if model.design.pretrained else None
         super().__init__(model, config.learning_rate, config.steps, slow, config.encoder_rate)
 

@@ -116,10 +116,10 @@ def notice(item: Item, found: Judgement, files: dict[str, bytes]) -> str:
     parts = [
         f"{item.name}: networks trained by posed-train from {len(found.views)} photos of the project's owner.",
         "posed-train (MIT OR Apache-2.0) claims no rights in networks that it trains.",
-        f"The keypoint net {origin(found.result.network)}",
+        f"The keypoint net {beginning(found.result.network)}",
     ]
     if "detector/detector.onnx" in files:
-        parts.append(f"The detector {origin(network_of(files['detector/detector.json']))}")
+        parts.append(f"The detector {beginning(network_of(files['detector/detector.json']))}")
     pictures = ["parity.png", "report.html", *([f"{shown} images in reference/"] if shown else [])]
     parts.append(f"Photos of the project's owner, or parts of them, are in this bundle: {', '.join(pictures)}.")
     parts.append("Whoever passes the bundle on passes these on, too.")
@@ -132,5 +132,5 @@ def network_of(detector: bytes) -> str:
     return str(training.get("network", "lite")) if isinstance(training, dict) else "lite"
 
 
-def origin(network: str) -> str:
+def beginning(network: str) -> str:
     return FROM_IMAGENET if network in DESIGNS and DESIGNS[network].pretrained else FROM_NOTHING
