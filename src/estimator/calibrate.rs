@@ -34,7 +34,7 @@ pub struct MeasuredView {
 #[derive(Debug, Error)]
 pub enum CalibrateError {
     #[error("{file}: {source}")]
-    Measure { file: String, source: MeasureError },
+    Measure { view: usize, file: String, source: MeasureError },
     #[error(transparent)]
     Average(#[from] AverageError),
     #[error(transparent)]
@@ -59,12 +59,12 @@ pub fn calibrate(
     options: CalibrateOptions,
 ) -> Result<Reference, CalibrateError> {
     let CalibrateOptions { mode, far_origin } = options;
-    let measured = |view: &MeasuredView| {
+    let measured = |(index, view): (usize, &MeasuredView)| {
         let offset = measure_offset(&view.camera_from_object, &view.solution);
         let offset = offset.map(|offset| offset.of_keypoints_scaled_by(view.keypoints_scale));
-        offset.map_err(|source| CalibrateError::Measure { file: view.file.clone(), source })
+        offset.map_err(|source| CalibrateError::Measure { view: index, file: view.file.clone(), source })
     };
-    let offsets = views.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
+    let offsets = views.iter().enumerate().map(measured).collect::<Result<Vec<_>, _>>()?;
     let diameter_m = model.manifest.diameter_m;
     let meant = |(view, offset): (&MeasuredView, &Offset)| {
         origin_is_near(offset, &view.camera_from_object, &view.solution.pose, diameter_m)

@@ -113,9 +113,8 @@ impl Service {
         }
         // Callers know the number of an image, not the name of its file.
         let reference = calibrate(&model, measured, options).map_err(|error| match error {
-            CalibrateError::Measure { file, source } => {
-                let index = files.iter().position(|(name, _)| *name == file).unwrap_or(0);
-                of_image(index, Failure::new(FailureKind::Unmeasurable, source.to_string()))
+            CalibrateError::Measure { view, file: _, source } => {
+                of_image(view, Failure::new(FailureKind::Unmeasurable, source.to_string()))
             }
             CalibrateError::Average(_) | CalibrateError::StatedPose(_) => error.into(),
         })?;
