@@ -35,6 +35,7 @@ mod second_peaks;
 mod solver;
 mod stated_pose;
 mod stats;
+mod twins;
 mod update;
 mod verdict;
 mod views;

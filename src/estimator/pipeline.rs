@@ -14,6 +14,7 @@ use super::hints::Outcome;
 use super::keypoints;
 use super::look::Eyes;
 use super::objects::{Scene, Solved, Sought, solve_all};
+use super::twins::leave_out_twins;
 use super::update::{Update, warm_up};
 use super::watchdog::Activity;
 use crate::model::{Backend, Catalogue, Library, Networks, ObjectModel, References, RuntimeError};
@@ -280,13 +281,14 @@ impl Progress {
             }
         }
         let selection = frame.selection;
-        let found: Vec<usize> = poses.iter().map(|pose| pose.detection.object).collect();
-        poses.retain(|pose| pose.confidence() >= selection.min_confidence);
         poses.sort_by(|a, b| {
             let by_score = || b.detection.score.total_cmp(&a.detection.score);
             let by_confidence = || b.confidence().total_cmp(&a.confidence());
             a.verdict.status.cmp(&b.verdict.status).then_with(by_confidence).then_with(by_score)
         });
+        leave_out_twins(&mut poses, &catalogue.library);
+        let found: Vec<usize> = poses.iter().map(|pose| pose.detection.object).collect();
+        poses.retain(|pose| pose.confidence() >= selection.min_confidence);
         if let Some(limit) = selection.max_instances {
             limit_instances(&mut poses, limit);
         }

@@ -4,12 +4,13 @@ use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
-use posed::estimator::{Estimate, Estimator, Frame, Queue, QueueConfig, Selection, Work};
+use posed::estimator::{Estimate, Estimator, Frame, GivenBox, Queue, QueueConfig, Selection, Work};
 use posed::model::{
     Backend, Input, Library, LoadOptions, Network, Outputs, Provider, References, Runtime, RuntimeError,
 };
-use posed::vision::{DecodeOptions, Image, decode};
+use posed::vision::{BoundingBox, DecodeOptions, Image, decode};
 use posed_core::geometry::{Camera, Pose};
+use posed_core::pnp::Status;
 
 use crate::queue::CONFIG;
 use crate::script::runtime;
@@ -55,6 +56,29 @@ async fn an_idle_worker_lends_its_core() {
     let alone = shipped(runtime()).estimate(&image, &camera).unwrap();
     assert_eq!(assert_same(&alone, &answer), 4);
     assert!(meeting.has_met(), "two keypoint nets never ran at once");
+}
+
+/// The detector puts a tight and a loose box about the bracket of the second sample: they are one bracket. Boxes that a caller
+/// gives are his to count: each has its answer.
+#[test]
+fn what_is_boxed_twice_is_answered_once() {
+    let mut estimator = shipped(runtime());
+    let camera = Camera::pinhole(600.0, 600.0, 319.5, 239.5).unwrap();
+    let image = decode(&sample(2), &DecodeOptions::default()).unwrap().image;
+    let answer = estimator.estimate(&image, &camera).unwrap();
+    let mut names: Vec<&str> = answer.poses.iter().map(|pose| pose.object.as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["bracket", "cube", "link", "motor"]);
+    let bracket = answer.poses.iter().find(|pose| pose.object == "bracket").unwrap();
+    assert_eq!(bracket.verdict.status, Status::Ok, "the better of both");
+
+    let tight = bracket.detection.bounding_box;
+    let loose = BoundingBox { width: 1.3 * tight.width, height: 1.3 * tight.height, ..tight };
+    let given = [tight, loose].map(|region| GivenBox { object: "bracket".into(), region });
+    let selection = Selection { boxes: Some(given.into()), ..Selection::ALL };
+    let frame = Frame { selection: &selection, ..Frame::new(&image, &camera) };
+    let poses = estimator.estimate_frame(&frame).unwrap().poses;
+    assert_eq!(poses.len(), 2);
 }
 
 /// Networks that wait for each other.
