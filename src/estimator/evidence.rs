@@ -26,7 +26,7 @@ pub(super) struct Judgement {
     pub evidence: Evidence,
     /// That the pose is right, 0..1. `None` where the model does not state what evidence is worth.
     pub probability: Option<f64>,
-    /// Factors of the solver's standard deviations, known with the probability.
+    /// Factors of the solver's standard deviations, where the model states any.
     factors: Option<[f64; 3]>,
 }
 
@@ -41,8 +41,8 @@ pub(super) fn judge(
 ) -> Judgement {
     let evidence = gather(manifest.diameter_m, detection, prediction, solution, image, camera);
     let trust = manifest.trust.as_ref();
-    let (probability, factors) = (trust.map(|trust| trust.probability(&evidence)), trust.map(|t| t.factors(&evidence)));
-    Judgement { evidence, probability, factors }
+    let probability = trust.and_then(|trust| trust.probability(&evidence));
+    Judgement { evidence, probability, factors: trust.map(|trust| trust.factors(&evidence)) }
 }
 
 impl Judgement {

@@ -6,7 +6,7 @@ use super::answer::{Detection, KeypointPrediction, ObjectPose, Observed, SolvedK
 use super::evidence::{self, Judgement, in_box};
 use super::second_peaks::{Solved, solve};
 use super::verdict::{Reason, Verdict};
-use crate::model::{ObjectModel, Trust};
+use crate::model::ObjectModel;
 use crate::vision::box_corners;
 use posed_core::calibration::Offset;
 use posed_core::geometry::{Camera, Covariance6, Pose, covariance_about, sigmas};
@@ -65,8 +65,8 @@ pub(super) fn object_pose(
     if has_rival {
         verdict.object(Reason::TwoAnswers, Status::Ambiguous);
     }
-    let improbable = |(trust, probability): (&Trust, f64)| probability < trust.ok_probability;
-    if manifest.trust.as_ref().zip(judged.probability).is_some_and(improbable) {
+    let least = manifest.trust.as_ref().and_then(|trust| trust.ok_probability);
+    if judged.probability.zip(least).is_some_and(|(probability, least)| probability < least) {
         verdict.object(Reason::Improbable, Status::LowConfidence);
     }
     if judged.evidence.peak < MIN_MEDIAN_PEAK {

@@ -173,7 +173,9 @@ impl Estimator {
             name.is_some_and(|name| selection.wants(name) && references.get(name).is_some())
         };
         // Detections with a lower score have no pose that is wanted. A probability is not bound by the score.
-        let by_score = library.known().all(|model| model.manifest.trust.is_none());
+        let states_probability =
+            |model: &Arc<ObjectModel>| model.manifest.trust.as_ref().is_some_and(|trust| trust.probability.is_some());
+        let by_score = !library.known().any(states_probability);
         let least_score = if by_score { selection.min_confidence } else { 0.0 };
         Wanted { objects: library.objects.iter().map(wanted).collect(), least_score }
     }

@@ -243,7 +243,8 @@ fn who_looks_for(name: &str, detectors: &[(Arc<DetectorModel>, Option<String>)])
 }
 
 fn set_ok_probability(object: &mut ObjectModel, ok_probability: Option<f64>) {
-    if let Some((trust, ok_probability)) = object.manifest.trust.as_mut().zip(ok_probability) {
-        trust.ok_probability = ok_probability;
+    let stated = object.manifest.trust.as_mut().filter(|trust| trust.probability.is_some());
+    if let Some((trust, ok_probability)) = stated.zip(ok_probability) {
+        trust.ok_probability = Some(ok_probability);
     }
 }

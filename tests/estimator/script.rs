@@ -152,6 +152,13 @@ impl Models {
         Ok(Self { library, references, script })
     }
 
+    /// As servers that want another probability of what is `ok`.
+    pub fn demanding(mut self, ok_probability: f64) -> Self {
+        let library = Arc::into_inner(self.library).unwrap().with_ok_probability(Some(ok_probability));
+        self.library = Arc::new(library);
+        self
+    }
+
     pub fn estimator(&self) -> Result<Estimator, RuntimeError> {
         Estimator::new(Arc::clone(&self.library), Arc::clone(&self.references), &self.script)
     }

@@ -56,6 +56,24 @@ fn covariances_are_those_of_the_solver_by_the_stated_factors() {
     assert!(scaled.covariance.cholesky().is_some());
 }
 
+/// A dozen held-out photos tell how far poses scatter, but no probability.
+#[test]
+fn covariances_may_be_all_that_is_known() {
+    let mut stated = trust(&linear(0.0));
+    for field in ["probability", "ok_probability"] {
+        stated.as_object_mut().unwrap().remove(field);
+    }
+    let (bare_verdict, bare_confidence, bare) = answer(None);
+    let (verdict, confidence, solved) = answer(Some(stated.clone()));
+    assert!(solved.image_covariance.trace() > 2.0 * bare.image_covariance.trace());
+    assert_eq!((solved.probability, verdict.status), (None, bare_verdict.status));
+    assert!((confidence - bare_confidence).abs() < 1e-12, "{confidence}");
+    // A threshold on a probability that is not stated changes nothing.
+    let demanding = load(Some(stated)).unwrap().demanding(1.0);
+    let poses = demanding.estimator().unwrap().estimate(&image(50), &camera()).unwrap().poses;
+    assert_eq!(poses[0].verdict.status, bare_verdict.status);
+}
+
 #[test]
 fn ok_is_a_threshold_on_the_probability() {
     // The logit of 0.9 is 2.197.
@@ -95,6 +113,8 @@ fn trust_that_cannot_be_meant_is_refused_by_its_field() {
     refused(&|t| t["probability"]["weights"]["score"] = json!(1), &["trust.probability", "score", "no range"]);
     refused(&|t| t["covariance"]["depth"]["constant"] = json!(1e7), &["trust.covariance.depth"]);
     refused(&|t| t["ok_probability"] = json!(2), &["trust.ok_probability", "between 0 and 1"]);
+    refused(&|t| t["probability"] = Value::Null, &["trust.probability", "missing", "ok_probability"]);
+    refused(&|t| t["ok_probability"] = Value::Null, &["trust.ok_probability", "missing"]);
     refused(&|t| t["covariance"]["sideways"] = linear(0.0), &["sideways"]);
 }
 
@@ -118,7 +138,7 @@ fn the_trainer_and_the_service_mean_the_same() {
         for (found, expected) in fixture.trust.factors(&evidence).into_iter().zip(factors) {
             assert!((found / expected - 1.0).abs() < 1e-6, "{found} is not {expected}");
         }
-        let found = fixture.trust.probability(&evidence);
+        let found = fixture.trust.probability(&evidence).unwrap();
         assert!((found - probability).abs() < 1e-6, "{found} is not {probability}");
     }
 }

@@ -15,10 +15,13 @@ pub struct Trust {
     pub ranges: BTreeMap<String, [f64; 2]>,
     /// What the solver's standard deviations are multiplied by.
     pub covariance: CovarianceTrust,
-    /// The logit of the probability that the pose is right: that its ADD(-S) is below a tenth of the diameter.
-    pub probability: Linear,
+    /// The logit of the probability that the pose is right: that its ADD(-S) is below a tenth of the diameter. `None` where too
+    /// few views could tell: then only covariances are known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probability: Option<Linear>,
     /// A pose whose probability is below this is not `ok`.
-    pub ok_probability: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ok_probability: Option<f64>,
 }
 
 /// Logarithms of factors, for the parts of a pose's error.
@@ -55,8 +58,8 @@ impl Trust {
 
     /// That the pose is right, 0..1.
     #[must_use]
-    pub fn probability(&self, evidence: &Evidence) -> f64 {
-        (1.0 + (-self.value(&self.probability, evidence)).exp()).recip()
+    pub fn probability(&self, evidence: &Evidence) -> Option<f64> {
+        self.probability.as_ref().map(|logit| (1.0 + (-self.value(logit, evidence)).exp()).recip())
     }
 
     /// A setting that is a probability.
@@ -93,12 +96,13 @@ impl Trust {
             ));
         }
         let CovarianceTrust { depth, lateral, rotation } = &self.covariance;
-        for (field, linear) in [
+        let parts = [
             ("trust.covariance.depth", depth),
             ("trust.covariance.lateral", lateral),
             ("trust.covariance.rotation", rotation),
-            ("trust.probability", &self.probability),
-        ] {
+        ];
+        let probability = self.probability.iter().map(|linear| ("trust.probability", linear));
+        for (field, linear) in parts.into_iter().chain(probability) {
             if let Some(name) = linear.weights.keys().find(|name| !self.ranges.contains_key(*name)) {
                 return Err((field, format!("has a weight for {name:?}, which has no range in 'trust.ranges'")));
             }
@@ -106,9 +110,12 @@ impl Trust {
                 return Err((field, "has a number beyond 1e6".into()));
             }
         }
-        if !(0.0..=1.0).contains(&self.ok_probability) {
-            return Err(("trust.ok_probability", format!("is {}; it must be between 0 and 1", self.ok_probability)));
+        match (&self.probability, self.ok_probability) {
+            (Some(_), Some(least)) if (0.0..=1.0).contains(&least) => Ok(()),
+            (Some(_), Some(least)) => Err(("trust.ok_probability", format!("is {least}; it must be between 0 and 1"))),
+            (Some(_), None) => Err(("trust.ok_probability", "is missing; 'trust.probability' needs it".into())),
+            (None, Some(_)) => Err(("trust.probability", "is missing; 'trust.ok_probability' needs it".into())),
+            (None, None) => Ok(()),
         }
-        Ok(())
     }
 }

@@ -12,6 +12,7 @@ from ..bop import DatasetError, View, read_views, symmetry_motions
 from ..export import predictor, sha256
 from ..pnp import Solved, solve, step_between
 from ..registration import triangulate_centre
+from ..scatter import widened
 from ..spread import Deviation, deviations
 from ..validate import predict_views
 from . import result as results
@@ -49,12 +50,16 @@ class Network:
 
     @property
     def trusted(self) -> bool:
-        """Whether posed corrects its covariances (`posed-train trust`): then they are not those of `solve`."""
-        return "trust" in self.manifest
+        """Whether posed corrects its covariances by evidence (`posed-train trust`), which `solve` does not know."""
+        return "probability" in self.manifest.get("trust", {})
 
     def solve(self, views: Sequence[View]) -> list[Solved | None]:
+        """As the service does, but for what evidence says."""
         found = predict_views(predictor(self.folder / "keypoints.onnx", self.heights), list(views))
-        return [solve(self.keypoints, one, self.scale) for one in found]
+        solved = [solve(self.keypoints, one, self.scale) for one in found]
+        if self.trusted or "trust" not in self.manifest:
+            return solved
+        return [one and widened(one, self.manifest["trust"]) for one in solved]
 
 
 def read_network(folder: Path) -> Network:

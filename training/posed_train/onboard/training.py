@@ -12,7 +12,7 @@ from pathlib import Path
 
 import torch
 
-from .. import detector, export, quantize
+from .. import detector, export, quantize, scatter
 from .. import train as training
 from ..bop import DatasetError, View, read_json, read_views
 from ..check import check
@@ -22,11 +22,12 @@ from ..held_out import look
 from ..network import design
 from ..novel_views import dataset
 from ..spread import in_words
+from ..trust import store
 from . import project as projects
 from . import result as results
 from .backgrounds import make_backgrounds
 from .checking import MIN_VISIBLE, up
-from .judged import judge
+from .judged import judge, read_network
 from .project import SPLIT, Item, Project
 from .symmetry import motions
 from .weak import advice
@@ -162,8 +163,17 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
     model = plan.models / item.name
     export.export_keypoints(net.cpu(), placed, model, identity, summary, settings.symmetries_discrete)
     print(quantize.quantize_keypoints(model, [placed.all[index] for index in placed.registration.placed]))
+    state_covariances(model, placed)
     results.write(out, export.sha256(model / "keypoints.onnx"), settings.network, last, step, placed)
     print("\n".join([f"{item.name}: {in_words(spread)}", *(f"  - {one}" for one in weaknesses(project, item, plan))]))
+
+
+def state_covariances(model: Path, placed: Views) -> None:
+    """In `object.json`, if the held-out photos can tell: by what the service is to widen them."""
+    network = read_network(model)
+    found = scatter.covariance_trust(export.predictor(model / "keypoints.onnx", network.heights), placed, network.scale)
+    if found is not None:
+        store(model / "object.json", found)
 
 
 def weaknesses(project: Project, item: Item, plan: Plan) -> list[str]:
