@@ -31,11 +31,25 @@ impl BoundingBox {
     /// Intersection over union with another box, 0..1.
     #[must_use]
     pub fn overlap(&self, other: &Self) -> f64 {
-        let shared = |a: f64, a_size: f64, b: f64, b_size: f64| ((a + a_size).min(b + b_size) - a.max(b)).max(0.0);
-        let intersection =
-            shared(self.x, self.width, other.x, other.width) * shared(self.y, self.height, other.y, other.height);
-        let union = self.width * self.height + other.width * other.height - intersection;
+        let intersection = self.intersection(other);
+        let union = self.area() + other.area() - intersection;
         if union > 0.0 { intersection / union } else { 0.0 }
+    }
+
+    /// Share of the smaller of two boxes that lies in the other, 0..1.
+    #[must_use]
+    pub fn shared(&self, other: &Self) -> f64 {
+        let smaller = self.area().min(other.area());
+        if smaller > 0.0 { self.intersection(other) / smaller } else { 0.0 }
+    }
+
+    fn area(&self) -> f64 {
+        self.width * self.height
+    }
+
+    fn intersection(&self, other: &Self) -> f64 {
+        let common = |a: f64, a_size: f64, b: f64, b_size: f64| ((a + a_size).min(b + b_size) - a.max(b)).max(0.0);
+        common(self.x, self.width, other.x, other.width) * common(self.y, self.height, other.y, other.height)
     }
 
     /// The centre, in pixel coordinates (centres of pixels at integers).
