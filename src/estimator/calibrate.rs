@@ -113,8 +113,8 @@ fn no_image_twice(views: &[MeasuredView], diameter_m: f64) -> Result<(), StatedP
             let in_one_place = || apart_m(other) < diameter_m / 4.0;
             other.file == view.file && (other.region.overlap(&view.region) > SAME_BOX || in_one_place())
         };
-        if views[..index].iter().any(|other| same(&other)) {
-            return Err(StatedPoseError::SameImage { file: view.file.clone(), box_px: view.region.into() });
+        if let Some(first) = views[..index].iter().position(|other| same(&other)) {
+            return Err(StatedPoseError::SameImage { first, second: index, box_px: view.region.into() });
         }
     }
     Ok(())

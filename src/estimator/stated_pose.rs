@@ -15,10 +15,10 @@ pub enum StatedPoseError {
     )]
     SameView { first: String, second: String },
     #[error(
-        "two references are the same object in the same image ({file}, box {box_px:?}); give each image once, since a second \
-         copy adds no information. Best are views from other sides"
+        "references {first} and {second}, counted from 0, are the same object in the same image (box {box_px:?}); give each \
+         image once, since a second copy adds no information. Best are views from other sides"
     )]
-    SameImage { file: String, box_px: [f64; 4] },
+    SameImage { first: usize, second: usize, box_px: [f64; 4] },
     #[error(
         "by the stated pose the origin of the object's frame is {distance_m:.3} m from where the image shows the object, \
          which is {diameter_m:.3} m large: {guess}. If the origin is that far away, set 'far_origin' (--far-origin)"
