@@ -38,8 +38,8 @@ class KeypointConfig:
     batch: int = 32
     photoreal_share: float = 0.5  # of every batch, if there are rasterised or novel views
     learning_rate: float = 1.5e-3
-    distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy
-    scale_weight: float = 0.0  # of their common scale's error (px): depth hangs on it
+    distance_weight: float = 0.05  # of the keypoints' distance (px) beside the cross-entropy, once they are about right
+    scale_weight: float = 0.0  # of their common scale's error (px), then, too: depth hangs on it
     encoder_rate: float = 0.2  # of the learning rate, for an encoder that starts from ImageNet
     frozen: list[str] = field(default_factory=list)  # parts of the network, as "encoder.stages.3", whose convolutions
     # stay those that training starts from; their normalisation still learns.

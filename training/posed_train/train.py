@@ -38,6 +38,11 @@ COMPARISONS = 10
 """Of a training's nets on held-out views, if there are that many within its limits."""
 COMPARE_EVERY = 50, 1000
 LOSSES = ("component", "pairwise", "registration")
+WEIGHTS_GROW = 0.1, 0.3
+"""Shares of the steps between which `distance_weight` and `scale_weight` grow. While a net does not know where its
+keypoints are, these losses hold them together at the crop's centre: with the full weights from the first step on, a
+cube's were 60 px off after 750 steps, and 3 px off after 630 with weights that grow."""
+FIRST_DISTANCE_WEIGHT = 0.05
 progress_line: int | None = None
 """Of the terminal, counted from where it is, where several trainings show their progress."""
 
@@ -116,8 +121,14 @@ class Trainer(optimise.Run):
         """Supervised by the projected keypoints."""
         images, keypoints = batch
         logits = self.forward(images)
-        weights = self.config.distance_weight, self.config.scale_weight
-        return self.descend(heatmap_loss(logits, keypoints.to(DEVICE), self.model.input_size, *weights))
+        return self.descend(heatmap_loss(logits, keypoints.to(DEVICE), self.model.input_size, *self.weights()))
+
+    def weights(self) -> tuple[float, float]:
+        """Of the keypoints' distance and of their common scale, at this step."""
+        first, last = WEIGHTS_GROW
+        grown = min(1.0, max(0.0, (self.step / self.steps - first) / (last - first)))
+        start = min(FIRST_DISTANCE_WEIGHT, self.config.distance_weight)
+        return start + grown * (self.config.distance_weight - start), grown * self.config.scale_weight
 
     def pairwise_step(self, batch: PairBatch) -> float:
         """Supervised by the other view of a pair, as in the paper."""

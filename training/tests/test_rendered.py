@@ -245,6 +245,16 @@ def test_the_papers_losses_go_down(rendered, loss):
     assert np.isfinite(losses).all() and np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
 
 
+def test_a_net_first_learns_where_its_keypoints_are(rendered):
+    """Then how far they are off, and how far apart."""
+    settings = replace(CUBE, steps=100, distance_weight=0.4, scale_weight=2.0)
+    trainer = train.Trainer(settings, data.Views(settings, rendered).registration.keypoints, None)
+    distance, scale = zip(*(trainer.weights() for trainer.step in range(101)))
+    assert scale[0] == 0 and 0 < distance[0] < 0.4 / 2
+    assert (distance[-1], scale[-1]) == (0.4, 2.0)
+    assert all(np.diff(distance) >= 0) and all(np.diff(scale) >= 0)
+
+
 def test_the_network_of_the_paper_learns_and_exports(rendered, tmp_path):
     settings = replace(CUBE, network="paper", keypoint_shape="r-sphere", keypoint_count=5, batch=4)
     views = data.Views(settings, rendered)
