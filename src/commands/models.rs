@@ -17,7 +17,7 @@ pub(super) struct ModelArgs {
     /// Folder with the reference `<object>.json` of each calibrated object.
     #[arg(long, env = "POSED_REFERENCE", default_value = "reference")]
     pub(super) reference: PathBuf,
-    /// Probability from which on a pose is `ok`, 0..1 [default: what each object's model states].
+    /// Probability from which on a pose is `ok`, 0..1, of objects whose models state probabilities [default: what they state].
     #[arg(long, env = "POSED_OK_PROBABILITY", value_parser = Trust::parse_probability)]
     ok_probability: Option<f64>,
     /// Execution provider of the networks.

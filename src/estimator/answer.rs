@@ -224,7 +224,8 @@ pub struct SolvedPose {
     pub keypoints_scale: f64,
     /// What speaks for and against it.
     pub evidence: Evidence,
-    /// That it is right: that its ADD(-S) is below a tenth of the diameter, 0..1. `None` where the model states no trust.
+    /// That it is right: that its ADD(-S) is below a tenth of the diameter, 0..1. `None` where the model states no
+    /// probability.
     pub probability: Option<f64>,
     /// Corners of the box that the virtual keypoints span, in the camera's frame, metres; bit k of the index is axis k.
     pub box_in_camera: [Vector3<f64>; 8],

@@ -55,7 +55,11 @@ impl Judgement {
 
     /// What an image says, for fusing it with others. The solution has its covariance from the solver.
     pub(super) fn observed(&self, solution: &Solution, readings: Vec<Reading>) -> Observed {
-        observed(solution, readings, self.factors.unwrap_or(UNJUDGED))
+        let known = self.factors.unwrap_or(UNJUDGED);
+        // The few views that tell no probability cannot tell, either, that the points of an image share nothing.
+        let few = self.probability.is_none();
+        let factors = std::array::from_fn(|k| if few { known[k].max(UNJUDGED[k]) } else { known[k] });
+        observed(solution, readings, factors)
     }
 }
 

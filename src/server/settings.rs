@@ -66,7 +66,8 @@ pub struct Config {
     #[arg(long, env = "POSED_WATCH", help_heading = MODELS)]
     #[arg(default_value_t = false, num_args = 0..=1, default_missing_value = "true", action = ArgAction::Set)]
     pub watch: bool,
-    /// Probability from which on a pose is `ok`, 0..1. Omit this to use what each object's model states.
+    /// Probability from which on a pose is `ok`, 0..1, of objects whose models state probabilities. Omit this to use what they
+    /// state.
     #[arg(long, env = "POSED_OK_PROBABILITY", value_parser = Trust::parse_probability, help_heading = MODELS)]
     pub ok_probability: Option<f64>,
     /// How to treat an image with an EXIF orientation.

@@ -2,7 +2,6 @@
 photos. `posed-train trust` says more, and needs hundreds of views with exact poses."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,23 +12,35 @@ from .validate import Predictor, predict_views
 
 LEAST_VIEWS = 8
 """Fewer tell nothing."""
+ANY_TURN = 12
+"""So many turns after which an object looks the same stand for any about an axis: how far it is turned about that is
+unknown to within half a step, which says nothing of the net."""
+MOST_LOG_FACTOR = 2.3
+"""Tenfold: where most poses are that far off, they are wrong, and no covariance helps."""
 MEDIAN_OF_CHI_SQUARED = {"depth": 0.455, "lateral": 1.386, "rotation": 2.366}
 """Of a pose's error by parts, with one, two and three degrees of freedom."""
 
 
 def covariance_trust(net: Predictor, views: Views, scale: np.ndarray) -> dict | None:
     """`trust` of `object.json`, of covariances alone; `None` where too few views are held out, or where the net chooses
-    the keypoints' frame. `scale` multiplies the net's covariances, one factor a keypoint."""
-    if views.heights is None or len(views.held_out) < LEAST_VIEWS:
+    the keypoints' frame. `scale` multiplies the net's covariances, one factor a keypoint.
+
+    Views of components that joined later are placed by what a net said of them: they would agree with its errors.
+    """
+    first = set(views.registration.components[0].views) if views.registration.components else set()
+    indices = [index for index in views.held_out if index in first]
+    if views.heights is None or len(indices) < LEAST_VIEWS:
         return None
     keypoints = views.registration.keypoints
-    predictions = predict_views(net, [views.all[index] for index in views.held_out])
+    predictions = predict_views(net, [views.all[index] for index in indices])
     solved = [solve(keypoints, prediction, scale) for prediction in predictions]
-    placed = [views.registration.placed[index] @ views.motions for index in views.held_out]
+    placed = [views.registration.placed[index] @ views.motions for index in indices]
     pairs = [(nearest(one.camera_from_keypoints, alike), one) for one, alike in zip(solved, placed) if one is not None]
     if len(pairs) < LEAST_VIEWS:
         return None
     logs = log_factors(pairs)
+    if len(views.motions) >= ANY_TURN:
+        logs["rotation"] = 0.0
     return {"ranges": {}, "covariance": {part: {"constant": round(value, 3)} for part, value in logs.items()}}
 
 
@@ -44,7 +55,8 @@ def log_factors(pairs: Sequence[tuple[np.ndarray, Solved]]) -> dict[str, float]:
     """
     rows = [squared_errors(truth, one) for truth, one in pairs]
     medians = {part: np.median([row[part] for row in rows]) for part in MEDIAN_OF_CHI_SQUARED}
-    return {part: max(0.0, 0.5 * float(np.log(medians[part] / MEDIAN_OF_CHI_SQUARED[part]))) for part in medians}
+    logs = {part: 0.5 * float(np.log(medians[part] / MEDIAN_OF_CHI_SQUARED[part])) for part in medians}
+    return {part: min(max(0.0, value), MOST_LOG_FACTOR) for part, value in logs.items()}
 
 
 def squared_errors(truth: np.ndarray, found: Solved) -> dict[str, float]:
@@ -58,16 +70,7 @@ def squared_errors(truth: np.ndarray, found: Solved) -> dict[str, float]:
 def along_ray(pose: np.ndarray) -> np.ndarray:
     """`[6, 6]`: turns steps so that their first axis is the ray to a pose. Rotations keep the camera's axes."""
     ray = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
-    axes = np.linalg.qr(np.column_stack([ray, np.eye(3)]))[0][:, :3]
+    axes = np.linalg.qr(np.column_stack([ray, np.eye(3)]))[0]
     turn = np.eye(6)
     turn[:3, :3] = axes.T
     return turn
-
-
-def widened(found: Solved, trust: dict) -> Solved:
-    """With the covariance that the service states by this `trust`."""
-    factors = {part: np.exp(trust["covariance"][part]["constant"]) for part in MEDIAN_OF_CHI_SQUARED}
-    along = along_ray(found.camera_from_keypoints)
-    scale = np.diag([factors["depth"], *[factors["lateral"]] * 2, *[factors["rotation"]] * 3])
-    matrix = along.T @ scale @ along
-    return replace(found, covariance=matrix @ found.covariance @ matrix.T)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posed_train.pnp import Solved, stepped
-from posed_train.scatter import covariance_trust, log_factors, squared_errors, widened
+from posed_train.scatter import along_ray, log_factors, squared_errors
 
 PARTS = ("depth", "lateral", "rotation")
 
@@ -20,14 +20,17 @@ def drawn(count, factors, seed=0):
         truth[:3, 3] = rng.uniform((-0.3, -0.3, 0.4), (0.3, 0.3, 1.0))
         root = np.diag([0.002, 0.002, 0.002, 0.03, 0.03, 0.03]) @ rng.normal(0, 1, (6, 6))
         stated = Solved(truth, root @ root.T + 1e-7 * np.eye(6), 8)
-        covariance = widened(stated, trust(factors)).covariance
-        step = np.linalg.cholesky(covariance) @ rng.normal(0, 1, 6)
+        step = np.linalg.cholesky(widened(stated, factors).covariance) @ rng.normal(0, 1, 6)
         pairs.append((truth, Solved(stepped(truth, step), stated.covariance, 8)))
     return pairs
 
 
-def trust(factors):
-    return {"covariance": {part: {"constant": np.log(factor)} for part, factor in zip(PARTS, factors)}}
+def widened(found, factors):
+    """As the service does by such factors (`scaled_covariance` in `src/estimator/evidence.rs`)."""
+    depth, lateral, rotation = factors
+    along = along_ray(found.camera_from_keypoints)
+    matrix = along.T @ np.diag([depth, lateral, lateral, rotation, rotation, rotation]) @ along
+    return Solved(found.camera_from_keypoints, matrix @ found.covariance @ matrix.T, found.inliers)
 
 
 @pytest.mark.parametrize("factors", [(1.0, 1.0, 1.0), (3.0, 1.0, 2.0), (1.0, 2.5, 1.0), (1.5, 1.5, 4.0)])
@@ -50,15 +53,12 @@ def test_wrong_poses_do_not_widen_what_the_others_say():
 
 def test_widened_covariances_hold():
     pairs = drawn(1000, (3.0, 1.0, 2.0), seed=1)
-    stated = {"covariance": {part: {"constant": value} for part, value in log_factors(pairs).items()}}
-    rows = [squared_errors(truth, widened(one, stated)) for truth, one in pairs]
+    factors = [np.exp(log_factors(pairs)[part]) for part in PARTS]
+    rows = [squared_errors(truth, widened(one, factors)) for truth, one in pairs]
     for part, degrees in zip(PARTS, (1, 2, 3)):
         assert np.mean([row[part] for row in rows]) == pytest.approx(degrees, rel=0.15)
 
 
-class FewViews:
-    heights, held_out = np.zeros(8), list(range(7))
-
-
-def test_too_few_photos_tell_nothing():
-    assert covariance_trust(None, FewViews(), np.ones(8)) is None
+def test_poses_that_are_mostly_wrong_do_not_make_covariances_endless():
+    pairs = [(truth, Solved(stepped(truth, np.full(6, 1.0)), 1e-8 * np.eye(6), 8)) for truth, _ in drawn(20, (1, 1, 1))]
+    assert all(np.exp(value) < 12 for value in log_factors(pairs).values())

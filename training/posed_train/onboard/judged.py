@@ -12,7 +12,6 @@ from ..bop import DatasetError, View, read_views, symmetry_motions
 from ..export import predictor, sha256
 from ..pnp import Solved, solve, step_between
 from ..registration import triangulate_centre
-from ..scatter import widened
 from ..spread import Deviation, deviations
 from ..validate import predict_views
 from . import result as results
@@ -53,13 +52,18 @@ class Network:
         """Whether posed corrects its covariances by evidence (`posed-train trust`), which `solve` does not know."""
         return "probability" in self.manifest.get("trust", {})
 
+    @property
+    def widened(self) -> dict[str, float] | None:
+        """What the service multiplies standard deviations by, where the held-out photos told it, by part."""
+        trust = self.manifest.get("trust")
+        if self.trusted or trust is None:
+            return None
+        return {part: float(np.exp(one["constant"])) for part, one in trust["covariance"].items()}
+
     def solve(self, views: Sequence[View]) -> list[Solved | None]:
-        """As the service does, but for what evidence says."""
+        """Without what evidence or held-out photos say of covariances."""
         found = predict_views(predictor(self.folder / "keypoints.onnx", self.heights), list(views))
-        solved = [solve(self.keypoints, one, self.scale) for one in found]
-        if self.trusted or "trust" not in self.manifest:
-            return solved
-        return [one and widened(one, self.manifest["trust"]) for one in solved]
+        return [solve(self.keypoints, one, self.scale) for one in found]
 
 
 def read_network(folder: Path) -> Network:

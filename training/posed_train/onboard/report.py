@@ -149,21 +149,31 @@ def accuracy(found: Judgement, served: dict | None) -> str:
     ]
     parts = [table(head, rows), plot("errors over distance and height", plots.errors(found))]
     if not found.network.trusted:
-        parts.append(covariances(held_out))
+        parts.append(covariances(held_out, found.network.widened))
     if served is not None:
         parts.append(by_posed(served))
     return "\n".join(parts)
 
 
-def covariances(held_out: Sequence[Judged]) -> str:
+def covariances(held_out: Sequence[Judged], widened: dict[str, float] | None) -> str:
     nees = [one.nees for one in held_out if one.deviation.agrees]
     if not nees:
         return ""
     within = np.mean(np.array(nees) < NEES_95)
     return (
-        f"<p>Covariances: the median of the normalised squared errors (NEES) of the photos that agree is "
+        f"<p>Covariances of the solver: the median of the normalised squared errors (NEES) of the photos that agree is "
         f"<strong>{np.median(nees):.1f}</strong>; {NEES_MEDIAN} if they were true, more where poses scatter more than "
-        f"they say. {within:.0%} lie within the 95 % ellipsoid.</p>"
+        f"they say. {within:.0%} lie within the 95 % ellipsoid.{corrected(widened)}</p>"
+    )
+
+
+def corrected(widened: dict[str, float] | None) -> str:
+    if widened is None:
+        return ""
+    return (
+        " So the service multiplies their standard deviations, by what these photos say of them: "
+        f"{widened['depth']:.1f} times along the ray, {widened['lateral']:.1f} across it, {widened['rotation']:.1f} in "
+        "rotation. In other light or at other distances poses may scatter more."
     )
 
 

@@ -163,8 +163,8 @@ def train_keypoints(project: Project, item: Item, views: list[View], plan: Plan,
     model = plan.models / item.name
     export.export_keypoints(net.cpu(), placed, model, identity, summary, settings.symmetries_discrete)
     print(quantize.quantize_keypoints(model, [placed.all[index] for index in placed.registration.placed]))
-    state_covariances(model, placed)
     results.write(out, export.sha256(model / "keypoints.onnx"), settings.network, last, step, placed)
+    state_covariances(model, placed)
     print("\n".join([f"{item.name}: {in_words(spread)}", *(f"  - {one}" for one in weaknesses(project, item, plan))]))
 
 

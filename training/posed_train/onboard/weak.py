@@ -32,7 +32,7 @@ def advice(found: Judgement) -> list[str]:
     elif len(found.views) < FEW_PHOTOS:
         said.append(f"{len(found.views)} photos are few: {FEW_PHOTOS} to 200 learn well (`posed-train add`)")
     if not found.network.trusted:
-        said += sure_of_itself(held_out)
+        said += sure_of_itself(held_out, found.network.widened)
     if len(found.seen) == 1:
         said.append(
             "all photos are of one place and one light: if it is to be found elsewhere, photograph it there, too "
@@ -127,14 +127,15 @@ def unit(azimuth_deg: np.ndarray, elevation_deg: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
 
 
-def sure_of_itself(held_out: Sequence[Judged]) -> list[str]:
+def sure_of_itself(held_out: Sequence[Judged], widened: dict[str, float] | None) -> list[str]:
     nees = [one.nees for one in held_out if one.deviation.agrees]
     if len(nees) < FEW_IN_A_GROUP or np.median(nees) < FALSE_COVARIANCE * NEES_MEDIAN:
         return []
-    return [
-        f"poses scatter more than their covariances say (NEES {np.median(nees):.0f} in the median, {NEES_MEDIAN} if "
-        "they were true): do not rely on them; more photos help"
-    ]
+    nees = f"NEES {np.median(nees):.0f} in the median, {NEES_MEDIAN} if it were right"
+    words = f"poses scatter more than the solver says ({nees}): "
+    if widened is None:
+        return [words + "do not rely on covariances; more photos help"]
+    return [words + f"the service widens standard deviations up to {max(widened.values()):.1f} times; more photos help"]
 
 
 def listed(photos: Sequence[Judged]) -> str:
