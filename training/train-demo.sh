@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Trains all demo models: `train-demo.sh DATA`, DATA holding backgrounds/, a folder of photos; what else is missing is
-# rendered there. Stopped, it goes on where it was. After it, calibrate the references anew and run `fit-trust.sh`.
+# rendered there. Stopped, it goes on where it was. After it, calibrate the references anew
+# (`benches/choose_reference.py`) and run `fit-trust.sh`.
 set -euo pipefail
 data=$(realpath "$1")
 cd "$(dirname "$0")"
@@ -28,7 +29,8 @@ images cycles-copies --engine cycles --scenes 240 --views 1 --first 71000 --camo
 images cycles-copies --engine cycles --scenes 120 --views 1 --first 81000 --camouflage 0.6 --objects 1 3 --copies 4
 images cycles-link --engine cycles --scenes 487 --views 1 --first 72000 --camouflage 0.5 --objects 4 --copies 5
 images cycles-crowd --engine cycles --scenes 230 --views 1 --first 73000 --camouflage 0.5 --objects 1 2 3 --copies 3
-images cycles-cameras --engine cycles --scenes 81 --views 1 --first 91000 --camouflage 0.5 --copies 3
+images cycles-cube-bracket --engine cycles --scenes 96 --views 1 --first 92000 --camouflage 0.5 --objects 1 2 --copies 4
+images cycles-cube-bracket --engine cycles --scenes 101 --views 1 --first 93000 --camouflage 0.5 --objects 1 2 --copies 4
 images rasterised-camouflage --scenes 236 --views 6 --first 50000 --camouflage 0.7
 images rasterised-detector --scenes 160 --views 6 --first 50000 --camouflage 0.4
 [ -d "$data/rendered/models" ] || cp -r demo/models "$data/rendered/models"
@@ -65,10 +67,5 @@ keypoints half-hidden/link.toml runs/half-hidden runs/longer/link/checkpoint.pt
 keypoints half-hidden/link-2.toml runs/half-hidden-2 runs/half-hidden/link/checkpoint.pt
 keypoints half-hidden/link-3.toml runs/half-hidden-3 runs/half-hidden-2/link/checkpoint.pt
 # Another cube, for other cameras, which costs some accuracy on renders.
-$train keypoints demo/cameras/cube.toml --data "$data" --models runs/cameras --runs runs/cameras \
-	--init ../models/cube/keypoints.onnx
-$train keypoints demo/cameras/cube-2.toml --data "$data" --models runs/cameras-2 --runs runs/cameras-2 \
-	--init runs/cameras/cube/best.pt
-.venv/bin/python -m benches.mean_of_nets demo/cameras/cube-2.toml runs/cameras/cube runs/cameras-2/cube --data "$data" \
-	--models demo/cameras
+$train keypoints demo/lite0/cube.toml --data "$data" --models demo/cameras --runs runs/lite0
 $train detector demo/detector.toml --data "$data" --models ../models
