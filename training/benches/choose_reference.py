@@ -1,5 +1,5 @@
 """Calibrates an object by the one image, of scenes that its net has not learned from, whose offset is nearest to what
-all of them say together: as the demo references were chosen.
+all of them say together: as that in `demo/cameras` was chosen. Not for symmetric objects, whose offsets are several.
 
     .venv/bin/python -m benches.choose_reference cube --split DATA/rendered/train --models ../models --out ../reference
 """
@@ -15,6 +15,7 @@ import numpy as np
 from benches.from_photos import POSED, run
 from posed_train.bop import read_json
 from posed_train.metrics import rotation_error_deg
+from posed_train.onboard.from_pairs import read_relative
 from posed_train.spread import middle_pose
 
 LEAST_VISIBLE = 0.95
@@ -37,15 +38,7 @@ def calibrate(name: str, scene: Path, image: str, models: Path, out: Path) -> np
     words = ("calibrate", name, "--scene", scene, "--image", image, "--models", models, "--reference", out)
     run(POSED, *words, "--threads", 1)
     stated = json.loads((out / f"{name}.json").read_text())["object_from_keypoints"]
-    x, y, z, w = stated["rotation_xyzw"]
-    pose = np.eye(4)
-    pose[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    pose[:3, 3] = stated["translation_m"]
-    return pose
+    return read_relative(stated, name)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from .data import Views
 from .pnp import Solved, solve, step_between
-from .registration import angles_deg
+from .spread import nearest
 from .validate import Predictor, predict_views
 
 LEAST_VIEWS = 8
@@ -27,26 +27,25 @@ def covariance_trust(net: Predictor, views: Views, scale: np.ndarray) -> dict | 
 
     Views of components that joined later are placed by what a net said of them: they would agree with its errors.
     """
-    first = set(views.registration.components[0].views) if views.registration.components else set()
+    first = set(views.registration.components[0].views)
     indices = [index for index in views.held_out if index in first]
     if views.heights is None or len(indices) < LEAST_VIEWS:
         return None
     keypoints = views.registration.keypoints
     predictions = predict_views(net, [views.all[index] for index in indices])
     solved = [solve(keypoints, prediction, scale) for prediction in predictions]
-    placed = [views.registration.placed[index] @ views.motions for index in indices]
-    pairs = [(nearest(one.camera_from_keypoints, alike), one) for one, alike in zip(solved, placed) if one is not None]
+    placed = np.stack([views.registration.placed[index] for index in indices])[:, None]
+    pairs = [
+        (nearest(pose, one.camera_from_keypoints, views.motions)[0], one)
+        for pose, one in zip(placed, solved)
+        if one is not None
+    ]
     if len(pairs) < LEAST_VIEWS:
         return None
     logs = log_factors(pairs)
     if len(views.motions) >= ANY_TURN:
         logs["rotation"] = 0.0
     return {"ranges": {}, "covariance": {part: {"constant": round(value, 3)} for part, value in logs.items()}}
-
-
-def nearest(pose: np.ndarray, alike: np.ndarray) -> np.ndarray:
-    """Of poses `[S, 4, 4]` the one that is turned least from `pose`."""
-    return alike[angles_deg(pose[None], alike)[0].argmin()]
 
 
 def log_factors(pairs: Sequence[tuple[np.ndarray, Solved]]) -> dict[str, float]:

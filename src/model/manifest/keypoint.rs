@@ -43,8 +43,8 @@ pub struct KeypointManifest {
     pub output: KeypointOutput,
     /// One factor for each keypoint: the network's covariance times this is the true one on held-out images.
     pub covariance_scale: Vec<f64>,
-    /// What its poses can be trusted for. Without it covariances are the solver's own, and confidence is no probability, as it is
-    /// not either where trust states covariances alone.
+    /// What its poses can be trusted for. Without it covariances are the solver's own. Confidence is a probability only where
+    /// trust states one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
     /// Where the network comes from; for people.

@@ -131,8 +131,8 @@ def sure_of_itself(held_out: Sequence[Judged], widened: dict[str, float] | None)
     nees = [one.nees for one in held_out if one.deviation.agrees]
     if len(nees) < FEW_IN_A_GROUP or np.median(nees) < FALSE_COVARIANCE * NEES_MEDIAN:
         return []
-    nees = f"NEES {np.median(nees):.0f} in the median, {NEES_MEDIAN} if it were right"
-    words = f"poses scatter more than the solver says ({nees}): "
+    told = f"NEES {np.median(nees):.0f} in the median, {NEES_MEDIAN} if it were right"
+    words = f"poses scatter more than the solver says ({told}): "
     if widened is None:
         return [words + "do not rely on covariances; more photos help"]
     return [words + f"the service widens standard deviations up to {max(widened.values()):.1f} times; more photos help"]
