@@ -102,6 +102,9 @@ struct ReferenceImage {
 
 /// An axis this many times less exact than the best one deserves a view from the side.
 const WEAK_AXIS: f64 = 3.0;
+/// A scale this far from 1 helps more often than it spoils: three photos of a real cube that comes out 1.4 % too near say it so,
+/// and what nothing is wrong with does so once in twenty.
+const SIGMAS_TO_ADVISE: f64 = 2.0;
 /// Of an object that is seen smaller than this, nothing can be measured.
 const MIN_EXTENT_PX: f64 = 16.0;
 
@@ -123,7 +126,7 @@ impl Calibrate {
         }
         let measured = Measured { model: &model, known: &known, files: &files, located: &located };
         let mut reference = self.calibrate(&measured, 1.0)?;
-        let scale = fit_keypoints_scale(&model, &located, &reference.offset);
+        let scale = fit_keypoints_scale(&model, &located.iter().collect::<Vec<_>>(), &reference.offset);
         if let Some(scale) = scale.filter(|_| self.fit_scale) {
             reference = self.calibrate(&measured, scale.value)?;
         }
@@ -170,12 +173,20 @@ impl Calibrate {
             }
             return Ok(None);
         };
-        let verdict = match (scale.is_off(), self.fit_scale) {
-            (_, true) => "stored",
-            (true, false) => "differs from 1 by more than 3 sigma; add --fit-scale to store it",
-            (false, false) => "1 within 3 sigma",
+        let Scale { value, sigma } = scale;
+        let sigmas_off = (value - 1.0).abs() / sigma;
+        let verdict = if self.fit_scale {
+            "stored".into()
+        } else if sigmas_off > SIGMAS_TO_ADVISE {
+            let too = if value > 1.0 { "short" } else { "long" };
+            let percent = 1e2 * (value - 1.0).abs();
+            format!(
+                "{sigmas_off:.1} sigma from 1: distances come out {percent:.1} % too {too}; add --fit-scale to store it"
+            )
+        } else {
+            format!("1 within {SIGMAS_TO_ADVISE:.0} sigma")
         };
-        Ok(Some(format!("scale of the keypoints: {:.4} (1 sigma {:.4}): {verdict}", scale.value, scale.sigma)))
+        Ok(Some(format!("scale of the keypoints: {value:.4} (1 sigma {sigma:.4}): {verdict}")))
     }
 
     fn known(&self, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {

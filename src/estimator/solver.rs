@@ -24,7 +24,7 @@ impl<'a> KeypointSolver<'a> {
         Ok(Self { model, network: model.network(backend)?, resizer: Resizer::new() })
     }
 
-    /// Solves the pose of the object's virtual keypoints, `camera_from_keypoints`, within one box.
+    /// The keypoints within one box, and the pose that they give, `camera_from_keypoints`.
     ///
     /// # Errors
     /// When the network fails on the box, or no pose fits its keypoints (inner result).
@@ -33,10 +33,11 @@ impl<'a> KeypointSolver<'a> {
         image: &RgbImage,
         region: &BoundingBox,
         camera: &Camera,
-    ) -> Result<Result<Solution, PnpError>, EstimateError> {
+    ) -> Result<(KeypointPrediction, Result<Solution, PnpError>), EstimateError> {
         let camera = camera.for_image(image.width(), image.height())?;
         let found = self.locate(image, region)?;
-        Ok(solve_judged(&self.model.manifest, &found, image, region, &camera, 1.0))
+        let solution = solve_judged(&self.model.manifest, &found, image, region, &camera, 1.0);
+        Ok((found, solution))
     }
 
     /// The keypoints within one box, image pixels.

@@ -249,7 +249,9 @@ fn more_references_are_studied() {
     // Four views: one and three of them are drawn, and all are taken once.
     let counts: Vec<_> = rows.iter().map(|row| (row[1], row[2], row[3])).collect();
     let of_mode = |mode| [("1", mode, "10"), ("3", mode, "10"), ("4", mode, "1")];
-    assert_eq!(counts, [of_mode("weighted"), of_mode("paper")].concat());
+    // One image says nothing of the scale.
+    let with_scale = of_mode("weighted, scale")[1..].to_vec();
+    assert_eq!(counts, [of_mode("weighted").to_vec(), of_mode("paper").to_vec(), with_scale].concat());
     assert!(fs::read_to_string(plot).unwrap().starts_with("<svg"));
     // The references are the very views that are scored.
     assert!(text.lines().nth(2).unwrap().contains("100.0 (100.0 to 100.0)"), "{text}");

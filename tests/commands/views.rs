@@ -157,6 +157,14 @@ fn calibrate(split: &Path, images: &[&str], reference: &Path, extra: &[&str]) ->
     run(&[&arguments[..], extra].concat())
 }
 
+/// Every object of a scene's ground truth three hundredths farther away.
+fn farther(images: &mut Value) {
+    let objects = images.as_object_mut().unwrap().values_mut().flat_map(|image| image.as_array_mut().unwrap());
+    for coordinate in objects.flat_map(|object| object["cam_t_m2c"].as_array_mut().unwrap()) {
+        *coordinate = (1.03 * coordinate.as_f64().unwrap()).into();
+    }
+}
+
 /// The scale is said, stored only on demand, and then in use: a larger object is farther away.
 #[test]
 fn calibrate_fits_the_scale_on_demand() {
@@ -167,6 +175,14 @@ fn calibrate_fits_the_scale_on_demand() {
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && text.contains("scale of the keypoints: "), "{text}");
     assert_eq!(stored(), None);
+    // Cameras that stand three hundredths farther off show what seems to be a larger object.
+    let truth = split.path().join("000001/scene_gt.json");
+    let written = fs::read(&truth).unwrap();
+    crate::support::change(&truth, farther);
+    let output = calibrate(split.path(), &["0", "1", "2"], reference.path(), &[]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.contains("too short; add --fit-scale"), "{text}");
+    fs::write(&truth, written).unwrap();
     let output = calibrate(split.path(), &["0", "1", "2"], reference.path(), &["--fit-scale"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && text.contains("stored"), "{text}");

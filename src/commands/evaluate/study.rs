@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 
 use fastrand::Rng;
 use posed_core::calibration::{Mode, Offset};
-use posed_core::geometry::{Camera, Pose};
+use posed_core::geometry::Pose;
 use posed_core::pnp::Solution;
 use serde::Serialize;
 
 use super::plan::Task;
-use crate::estimator::{KeypointSolver, average_offsets, measure_offset};
+use crate::estimator::{KeypointSolver, LocatedView, average_offsets, fit_keypoints_scale, measure_offset};
 use crate::evaluation::{Deviation, ModelPoints, Recall, ReferencesCurve, ScoredView, Spread, references_plot};
 use crate::model::ObjectModel;
 use crate::vision::{DecodeOptions, read_image};
@@ -18,22 +18,53 @@ use crate::vision::{DecodeOptions, read_image};
 const COUNTS: [usize; 3] = [1, 3, 10];
 /// ... so many times.
 const DRAWS: usize = 10;
+/// Fewer say nothing of the scale.
+const MIN_TO_FIT_SCALE: usize = 3;
+
+/// What is made of the references that are drawn.
+#[derive(Clone, Copy)]
+struct Making {
+    word: &'static str,
+    mode: Mode,
+    /// Whether the keypoints' scale follows from the same references.
+    fit_scale: bool,
+}
+
+const MAKINGS: [Making; 3] = [
+    Making { word: "weighted", mode: Mode::Weighted, fit_scale: false },
+    Making { word: "paper", mode: Mode::Paper, fit_scale: false },
+    Making { word: "weighted, scale", mode: Mode::Weighted, fit_scale: true },
+];
 
 /// An object in an image, and where its keypoints are found.
 pub(super) struct SolvedView {
     pub(super) object: usize,
-    camera: Camera,
-    camera_from_object: Pose,
+    located: LocatedView,
     image_width_px: u32,
     /// `None` where there is no pose.
     solution: Option<Solution>,
+}
+
+impl SolvedView {
+    /// The pose that follows from keypoints of some scale: the same one, at a distance that is scaled as well.
+    fn scaled(&self, keypoints_scale: f64) -> Option<Solution> {
+        let mut solution = self.solution.clone()?;
+        let pose = solution.pose;
+        solution.pose = Pose::new(*pose.rotation(), pose.translation() * keypoints_scale);
+        Some(solution)
+    }
+
+    fn offset(&self, keypoints_scale: f64) -> Option<Offset> {
+        let offset = measure_offset(&self.located.camera_from_object, &self.scaled(keypoints_scale)?).ok()?;
+        Some(offset.of_keypoints_scaled_by(keypoints_scale))
+    }
 }
 
 /// Accuracy with some number of references.
 #[derive(Debug, Serialize)]
 pub(super) struct StudyRow {
     pub(super) object: String,
-    /// `weighted` or `paper`.
+    /// `weighted`, `paper`, or `weighted, scale` where the keypoints' scale was fitted, too.
     pub(super) mode: &'static str,
     pub(super) references: usize,
     pub(super) draws: usize,
@@ -54,13 +85,18 @@ pub(super) fn solve(solvers: &mut [KeypointSolver<'_>], task: &Task) -> Result<V
     let image = read_image(&task.image, &DecodeOptions::default()).map_err(|error| wrong(&error))?;
     let mut solved = Vec::new();
     for instance in task.instances.iter().filter(|instance| instance.counts) {
-        let solution = solvers[instance.object].solve(&image, &instance.region, &task.camera);
+        let solver = &mut solvers[instance.object];
+        let (prediction, solution) =
+            solver.solve(&image, &instance.region, &task.camera).map_err(|error| wrong(&error))?;
         solved.push(SolvedView {
             object: instance.object,
-            camera: task.camera.clone(),
-            camera_from_object: instance.truth.camera_from_object,
+            located: LocatedView {
+                camera: task.camera.clone(),
+                camera_from_object: instance.truth.camera_from_object,
+                prediction,
+            },
             image_width_px: image.width(),
-            solution: solution.map_err(|error| wrong(&error))?.ok(),
+            solution: solution.ok(),
         });
     }
     Ok(solved)
@@ -76,28 +112,30 @@ pub(super) fn study(
     references: &[&SolvedView],
     views: &[&SolvedView],
 ) -> Result<Vec<StudyRow>, String> {
-    let offset = |view: &&SolvedView| measure_offset(&view.camera_from_object, view.solution.as_ref()?).ok();
-    let offsets: Vec<Offset> = references.iter().filter_map(offset).collect();
+    let references: Vec<&SolvedView> = references.iter().copied().filter(|view| view.offset(1.0).is_some()).collect();
     let name = &model.manifest.name;
-    if offsets.is_empty() {
-        return Err(format!("none of the {} views of {name} can be a reference", references.len()));
+    if references.is_empty() {
+        return Err(format!("none of the views of {name} can be a reference"));
     }
     let mut rows = Vec::new();
-    for (mode, word) in [(Mode::Weighted, "weighted"), (Mode::Paper, "paper")] {
-        let counts = COUNTS.into_iter().filter(|count| *count < offsets.len());
-        for (count, draws) in counts.map(|count| (count, DRAWS)).chain([(offsets.len(), 1)]) {
-            // The same draws for both modes.
+    for making in MAKINGS {
+        let counts = COUNTS.into_iter().filter(|count| *count < references.len());
+        let all = (references.len(), 1);
+        for (count, draws) in counts.map(|count| (count, DRAWS)).chain([all]) {
+            if making.fit_scale && count < MIN_TO_FIT_SCALE {
+                continue;
+            }
+            // The same draws for all that is made of them.
             let mut random = Rng::with_seed(count as u64);
             let scores: Vec<Option<Recall>> = (0..draws)
                 .map(|_| {
-                    let drawn = random.choose_multiple(offsets.iter().cloned(), count);
-                    let averaged = average_offsets(model, drawn, mode).ok()?;
-                    score(points, &averaged.offset, views)
+                    let drawn = random.choose_multiple(references.iter().copied(), count);
+                    score(points, &make(model, &drawn, making)?, views)
                 })
                 .collect();
             rows.push(StudyRow {
                 object: name.clone(),
-                mode: word,
+                mode: making.word,
                 references: count,
                 draws,
                 contradictory: scores.iter().filter(|score| score.is_none()).count(),
@@ -111,10 +149,26 @@ pub(super) fn study(
     Ok(rows)
 }
 
+/// As `posed calibrate` does; where the references say nothing of the scale, it stays. `None` where they contradict each other.
+fn make(model: &ObjectModel, references: &[&SolvedView], making: Making) -> Option<Offset> {
+    let of_scale = |keypoints_scale| {
+        let offsets = references.iter().filter_map(|view| view.offset(keypoints_scale)).collect();
+        Some(average_offsets(model, offsets, making.mode).ok()?.offset)
+    };
+    let offset = of_scale(1.0)?;
+    let located = || references.iter().map(|view| &view.located).collect::<Vec<_>>();
+    match making.fit_scale.then(|| fit_keypoints_scale(model, &located(), &offset)).flatten() {
+        Some(scale) => of_scale(scale.value),
+        None => Some(offset),
+    }
+}
+
 fn score(points: &ModelPoints, offset: &Offset, views: &[&SolvedView]) -> Option<Recall> {
     let scored = |view: &&SolvedView| {
-        let estimate = view.solution.as_ref().map(|solution| offset.apply(&solution.pose, &solution.covariance).0);
-        let deviation = |estimate| Deviation::new(points, &view.camera, &estimate, &view.camera_from_object);
+        let LocatedView { camera, camera_from_object, .. } = &view.located;
+        let solution = view.scaled(offset.keypoints_scale);
+        let estimate = solution.map(|solution| offset.apply(&solution.pose, &solution.covariance).0);
+        let deviation = |estimate| Deviation::new(points, camera, &estimate, camera_from_object);
         ScoredView {
             deviation: estimate.map(deviation),
             diameter_m: points.diameter_m(),

@@ -24,12 +24,13 @@ const STEPS: usize = 3;
 /// object's stated poses put them. `offset` is what the same images gave. `None` from fewer than three images that agree, or
 /// if all look from nearly one direction.
 #[must_use]
-pub fn fit_keypoints_scale(model: &ObjectModel, views: &[LocatedView], offset: &Offset) -> Option<Scale> {
+pub fn fit_keypoints_scale(model: &ObjectModel, views: &[&LocatedView], offset: &Offset) -> Option<Scale> {
     let symmetries = model.symmetries.in_frame(&offset.object_from_keypoints.inverse());
     let mut fitted = Scale { value: offset.keypoints_scale, sigma: 0.0 };
     for _ in 0..STEPS {
         let points = model.manifest.keypoints_scaled_by(fitted.value);
-        let observed = |view: &LocatedView| match solve(&model.manifest, &view.prediction, &view.camera, fitted.value) {
+        let observed = |view: &&LocatedView| match solve(&model.manifest, &view.prediction, &view.camera, fitted.value)
+        {
             Ok(Solved { solution, readings, .. }) => unjudged(&solution, readings),
             Err(_) => Observed { readings: vec![first_reading(&view.prediction)], modes: Vec::new() },
         };
