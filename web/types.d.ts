@@ -121,8 +121,8 @@ export interface paths {
         get?: never;
         /**
          * Measures the reference of an object and replaces it.
-         * @description The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force. The server must run with
-         *     `--recalibration`.
+         * @description The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force, unless `fit_scale` is set. The
+         *     server must run with `--recalibration`.
          */
         put: operations["replace"];
         post?: never;
@@ -718,9 +718,11 @@ export interface components {
             sigma_rotation_rad: number;
             /**
              * Format: double
-             * @description What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`posed calibrate --fit-scale`).
+             * @description What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`fit_scale`, or
+             *     `posed calibrate --fit-scale`).
              */
             keypoints_scale: number;
+            fitted_scale?: components["schemas"]["ScaleReport"] | null;
             views: components["schemas"]["ReferenceViewReport"][];
         };
         /** @description The part `request` of a recalibration: `references` or `clicks`. Unknown fields are an error. */
@@ -735,6 +737,11 @@ export interface components {
             mode?: string;
             /** @description Whether the origin of the object's frame may lie farther from the object than the object is large. */
             far_origin?: boolean;
+            /**
+             * @description Whether `keypoints_scale` follows from these references: for a network that sees its object a percent too large or too
+             *     small. Needs at least three references from different sides. Without it the scale in force stays.
+             */
+            fit_scale?: boolean;
         };
         /** @description One reference image. */
         ReferenceViewReport: {

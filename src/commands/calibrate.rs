@@ -13,8 +13,8 @@ use super::known::{Known, beside};
 use super::models::ModelArgs;
 use super::output::say;
 use crate::estimator::{
-    CalibrateOptions, KeypointPrediction, KeypointSolver, LocatedView, MeasuredView, calibrate, fit_keypoints_scale,
-    fit_to_measure, no_view_twice,
+    CalibrateOptions, Calibrated, KeypointPrediction, KeypointSolver, KeypointsScale, LocatedView, MeasuredView,
+    calibrate, fit_to_measure, no_view_twice,
 };
 use crate::evaluation::{Scene, SceneFolder};
 use crate::model::{ObjectModel, PoseFile, Reference, References, read_json};
@@ -81,15 +81,6 @@ impl From<ModeChoice> for Mode {
     }
 }
 
-/// All references, before they become an offset.
-struct Measured<'a> {
-    model: &'a ObjectModel,
-    known: &'a [Known],
-    /// Their files' names and bytes.
-    files: &'a [(String, Vec<u8>)],
-    located: &'a [LocatedView],
-}
-
 /// One entry of `--references`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -115,65 +106,29 @@ impl Calibrate {
         let stated = known.iter().map(|known| (known.path.display().to_string(), known.camera_from_object));
         no_view_twice(&stated.collect::<Vec<_>>())?;
         let mut solver = KeypointSolver::new(&model, &self.models.runtime()?)?;
-        let mut located = Vec::with_capacity(known.len());
+        let mut measured = Vec::with_capacity(known.len());
         let mut files = Vec::with_capacity(known.len());
         for known in &known {
             let name = known.path.display();
             let (bytes, ending) = encoded(&known.path).map_err(|error| format!("{name}: {error}"))?;
             let file = References::image_name(&self.object, &bytes, &ending);
-            located.push(locate(&mut solver, known, &bytes).map_err(|error| format!("{name}: {error}"))?);
+            let view = measure(&mut solver, known, &bytes, file.clone(), &model);
+            measured.push(view.map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
-        let measured = Measured { model: &model, known: &known, files: &files, located: &located };
-        let mut reference = self.calibrate(&measured, 1.0)?;
-        let scale = fit_keypoints_scale(&model, &located.iter().collect::<Vec<_>>(), &reference.offset);
-        if let Some(scale) = scale.filter(|_| self.fit_scale) {
-            reference = self.calibrate(&measured, scale.value)?;
-        }
-        // First, since whoever reads what follows may leave.
-        let told = self.scale_in_words(scale)?;
+        let scale = if self.fit_scale { KeypointsScale::Fitted } else { KeypointsScale::default() };
+        let options = CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin, scale };
+        let Calibrated { reference, scale } = calibrate(&model, measured, options)?;
         References::write(&self.models.reference, &reference, &files)?;
         print(&reference);
-        if let Some(told) = told {
-            say!("{told}");
+        if let Some(scale) = scale {
+            say!("{}", self.in_words(scale));
         }
         say!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
         Ok(())
     }
 
-    /// The reference that follows from keypoints of some scale.
-    fn calibrate(&self, measured: &Measured<'_>, keypoints_scale: f64) -> Result<Reference, Box<dyn Error>> {
-        let Measured { model, known, files, located } = measured;
-        let points = model.manifest.keypoints_scaled_by(keypoints_scale);
-        let view = |((known, (file, _)), located): ((&Known, &(String, Vec<u8>)), &LocatedView)| {
-            let KeypointPrediction { pixels, covariances, .. } = &located.prediction;
-            let solution = solve(&points, pixels, covariances, &located.camera, &pnp::Options::default());
-            let solution = solution.map_err(|error| format!("{}: {error}", known.path.display()))?;
-            Ok(MeasuredView {
-                file: file.clone(),
-                camera: located.camera.clone(),
-                camera_from_object: known.camera_from_object,
-                region: known.region,
-                solution,
-                keypoints_scale,
-            })
-        };
-        let views = known.iter().zip(*files).zip(*located).map(view).collect::<Result<Vec<_>, String>>()?;
-        Ok(calibrate(model, views, CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin })?)
-    }
-
-    fn scale_in_words(&self, scale: Option<Scale>) -> Result<Option<String>, String> {
-        let Some(scale) = scale else {
-            if self.fit_scale {
-                return Err(
-                    "--fit-scale needs at least three references that agree, from sides that are 20 degrees or more \
-                            apart"
-                        .into(),
-                );
-            }
-            return Ok(None);
-        };
-        let Scale { value, sigma } = scale;
+    fn in_words(&self, Scale { value, sigma }: Scale) -> String {
         let sigmas_off = (value - 1.0).abs() / sigma;
         let verdict = if self.fit_scale {
             "stored".into()
@@ -186,7 +141,7 @@ impl Calibrate {
         } else {
             format!("1 within {SIGMAS_TO_ADVISE:.0} sigma")
         };
-        Ok(Some(format!("scale of the keypoints: {value:.4} (1 sigma {sigma:.4}): {verdict}")))
+        format!("scale of the keypoints: {value:.4} (1 sigma {sigma:.4}): {verdict}")
     }
 
     fn known(&self, model: &ObjectModel) -> Result<Vec<Known>, Box<dyn Error>> {
@@ -217,13 +172,22 @@ fn encoded(path: &Path) -> Result<(Vec<u8>, String), Box<dyn Error>> {
     Ok((fs::read(path)?, ending))
 }
 
-fn locate(solver: &mut KeypointSolver<'_>, known: &Known, bytes: &[u8]) -> Result<LocatedView, Box<dyn Error>> {
+fn measure(
+    solver: &mut KeypointSolver<'_>,
+    known: &Known,
+    bytes: &[u8],
+    file: String,
+    model: &ObjectModel,
+) -> Result<MeasuredView, Box<dyn Error>> {
     let image = decode(&Image::Encoded(bytes.to_vec().into()), &DecodeOptions::default())?.image;
     let camera = known.camera.for_image(image.width(), image.height())?;
     fit_to_measure(&image, &camera)?;
     let prediction = solver.locate(&image, &known.region)?;
     let camera = camera.with_size(image.width(), image.height())?;
-    Ok(LocatedView { camera, camera_from_object: known.camera_from_object, prediction })
+    let KeypointPrediction { pixels, covariances, .. } = &prediction;
+    let solution = solve(&model.manifest.keypoints(), pixels, covariances, &camera, &pnp::Options::default())?;
+    let located = LocatedView { camera, camera_from_object: known.camera_from_object, prediction };
+    Ok(MeasuredView { file, region: known.region, located, solution })
 }
 
 fn print(reference: &Reference) {

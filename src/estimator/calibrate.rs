@@ -3,11 +3,13 @@ use thiserror::Error;
 use super::answer::MeasureError;
 use super::stated_pose::{StatedPoseError, origin_is_near};
 use super::verdict::{Reason, Verdict};
-use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
+use super::views::{LocatedView, fit_keypoints_scale};
+use crate::model::{KEYPOINTS_SCALE, Method, ObjectModel, PoseFile, Reference, ReferenceView};
 use crate::vision::BoundingBox;
 use posed_core::calibration::{AverageError, Averaged, Consensus, Mode, Offset, average};
-use posed_core::geometry::{Camera, Pose, sigmas};
+use posed_core::geometry::{Pose, sigmas};
 use posed_core::pnp::{Solution, Status};
+use posed_core::views::Scale;
 
 /// A reference with fewer agreeing keypoints would spoil every later answer.
 const MIN_INLIERS: usize = 5;
@@ -21,13 +23,18 @@ const SAME_BOX: f64 = 0.5;
 pub struct MeasuredView {
     /// File name of the image beside the reference: one for each content.
     pub file: String,
-    pub camera: Camera,
-    pub camera_from_object: Pose,
     pub region: BoundingBox,
-    /// Pose of the virtual keypoints in this image.
+    pub located: LocatedView,
+    /// Pose of the virtual keypoints in this image, as large as the network learned them.
     pub solution: Solution,
-    /// What their coordinates were multiplied by before: the same in all images.
-    pub keypoints_scale: f64,
+}
+
+/// A reference, and what else its images show.
+pub struct Calibrated {
+    pub reference: Reference,
+    /// How much larger than its network learned it the images show the object. `None` from fewer than three, or if all
+    /// look from nearly one direction.
+    pub scale: Option<Scale>,
 }
 
 /// References that no offset follows from.
@@ -39,6 +46,29 @@ pub enum CalibrateError {
     Average(#[from] AverageError),
     #[error(transparent)]
     StatedPose(#[from] StatedPoseError),
+    #[error(
+        "a scale of the keypoints needs at least three references that agree, from sides that are 20 degrees or more apart"
+    )]
+    NoScale,
+    #[error(
+        "the references show the object {scale:.2} times as large as its network learned it, and {least} to {most} can be \
+         meant; are the poses, or the camera, in another unit?"
+    )]
+    Scale { scale: f64, least: f64, most: f64 },
+}
+
+/// What the coordinates of the virtual keypoints are multiplied by before a pose is solved from them.
+#[derive(Clone, Copy, Debug)]
+pub enum KeypointsScale {
+    Stays(f64),
+    /// As the references show it: they must say so, see [`Calibrated::scale`].
+    Fitted,
+}
+
+impl Default for KeypointsScale {
+    fn default() -> Self {
+        Self::Stays(1.0)
+    }
 }
 
 /// How the offset follows from the views.
@@ -47,27 +77,70 @@ pub struct CalibrateOptions {
     pub mode: Mode,
     /// Whether the origin of the object's frame may lie farther from the object than the object is large.
     pub far_origin: bool,
+    pub scale: KeypointsScale,
 }
 
 /// The offset of an object from what its reference images give.
 ///
 /// # Errors
-/// When an image is too weak, the images contradict each other, or their stated poses cannot be meant.
+/// When an image is too weak, the images contradict each other or say nothing of the scale that is asked for, or their
+/// stated poses cannot be meant.
 pub fn calibrate(
     model: &ObjectModel,
     views: Vec<MeasuredView>,
     options: CalibrateOptions,
-) -> Result<Reference, CalibrateError> {
-    let CalibrateOptions { mode, far_origin } = options;
+) -> Result<Calibrated, CalibrateError> {
+    let first = match options.scale {
+        KeypointsScale::Stays(scale) => scale,
+        KeypointsScale::Fitted => 1.0,
+    };
+    let mut averaged = offset_of(model, &views, first, options)?;
+    no_image_twice(&views, model.manifest.diameter_m)?;
+    let located: Vec<&LocatedView> = views.iter().map(|view| &view.located).collect();
+    let scale = fit_keypoints_scale(model, &located, &averaged.offset);
+    if let KeypointsScale::Fitted = options.scale {
+        let scale = scale.ok_or(CalibrateError::NoScale)?.value;
+        if !KEYPOINTS_SCALE.contains(&scale) {
+            let (least, most) = KEYPOINTS_SCALE.into_inner();
+            return Err(CalibrateError::Scale { scale, least, most });
+        }
+        averaged = offset_of(model, &views, scale, options)?;
+    }
+    let method = Method::of(views.len(), options.mode);
+    let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
+        image: view.file,
+        camera: view.located.camera,
+        camera_from_object: PoseFile::from(&view.located.camera_from_object),
+        box_px: view.region.into(),
+        inlier: residual.inlier,
+        residual_deg: residual.rotation_rad.to_degrees(),
+        residual_mm: 1e3 * residual.translation_m,
+    });
+    let reference = Reference {
+        object: model.manifest.name.clone(),
+        keypoint_model_sha256: model.manifest.model_sha256.clone(),
+        method,
+        views: views.collect(),
+        offset: averaged.offset,
+    };
+    Ok(Calibrated { reference, scale })
+}
+
+/// What the views say together, with keypoints of this scale.
+fn offset_of(
+    model: &ObjectModel,
+    views: &[MeasuredView],
+    keypoints_scale: f64,
+    CalibrateOptions { mode, far_origin, .. }: CalibrateOptions,
+) -> Result<Averaged, CalibrateError> {
     let measured = |(index, view): (usize, &MeasuredView)| {
-        let offset = measure_offset(&view.camera_from_object, &view.solution);
-        let offset = offset.map(|offset| offset.of_keypoints_scaled_by(view.keypoints_scale));
+        let offset = measure_offset(&view.located.camera_from_object, &view.solution, keypoints_scale);
         offset.map_err(|source| CalibrateError::Measure { view: index, file: view.file.clone(), source })
     };
     let offsets = views.iter().enumerate().map(measured).collect::<Result<Vec<_>, _>>()?;
-    let diameter_m = model.manifest.diameter_m;
     let meant = |(view, offset): (&MeasuredView, &Offset)| {
-        origin_is_near(offset, &view.camera_from_object, &view.solution.pose, diameter_m)
+        let seen = view.solution.pose.scaled(keypoints_scale);
+        origin_is_near(offset, &view.located.camera_from_object, &seen, model.manifest.diameter_m)
     };
     let averaged = average_offsets(model, offsets.clone(), mode);
     if averaged.is_err() && !far_origin {
@@ -83,31 +156,15 @@ pub fn calibrate(
     if let Some((view, _)) = agreeing.filter(|_| !far_origin) {
         meant((view, &averaged.offset))?;
     }
-    no_image_twice(&views, diameter_m)?;
-    let method = Method::of(views.len(), mode);
-    let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
-        image: view.file,
-        camera: view.camera,
-        camera_from_object: PoseFile::from(&view.camera_from_object),
-        box_px: view.region.into(),
-        inlier: residual.inlier,
-        residual_deg: residual.rotation_rad.to_degrees(),
-        residual_mm: 1e3 * residual.translation_m,
-    });
-    Ok(Reference {
-        object: model.manifest.name.clone(),
-        keypoint_model_sha256: model.manifest.model_sha256.clone(),
-        method,
-        views: views.collect(),
-        offset: averaged.offset,
-    })
+    Ok(averaged)
 }
 
 /// Several copies of an object in one image have boxes of their own, and are not within each other.
 fn no_image_twice(views: &[MeasuredView], diameter_m: f64) -> Result<(), StatedPoseError> {
     for (index, view) in views.iter().enumerate() {
         let apart_m = |other: &MeasuredView| {
-            (other.camera_from_object.translation() - view.camera_from_object.translation()).norm()
+            let place = |view: &MeasuredView| *view.located.camera_from_object.translation();
+            (place(other) - place(view)).norm()
         };
         let same = |other: &&MeasuredView| {
             let in_one_place = || apart_m(other) < diameter_m / 4.0;
@@ -120,11 +177,16 @@ fn no_image_twice(views: &[MeasuredView], diameter_m: f64) -> Result<(), StatedP
     Ok(())
 }
 
-/// The offset that one reference image gives, where its object's pose is known.
+/// The offset that one reference image gives, where its object's pose is known, with keypoints of some scale. `solution` is
+/// of the keypoints as the network learned them.
 ///
 /// # Errors
 /// When the solution is too weak to rest every later answer on.
-pub fn measure_offset(camera_from_object: &Pose, solution: &Solution) -> Result<Offset, MeasureError> {
+pub fn measure_offset(
+    camera_from_object: &Pose,
+    solution: &Solution,
+    keypoints_scale: f64,
+) -> Result<Offset, MeasureError> {
     let (agreeing, keypoints) = (solution.inlier_count(), solution.residuals().len());
     if agreeing < MIN_INLIERS {
         return Err(MeasureError::FewInliers { agreeing, keypoints });
@@ -137,7 +199,9 @@ pub fn measure_offset(camera_from_object: &Pose, solution: &Solution) -> Result<
         let reasons = verdict.reasons.iter().map(|reason| reason.to_string()).collect::<Vec<_>>().join(", ");
         return Err(MeasureError::Doubtful { reasons });
     }
-    Ok(Offset::measure(camera_from_object, &solution.pose, &solution.covariance))
+    // What is seen alike of a larger object is the same pose farther away.
+    let offset = Offset::measure(camera_from_object, &solution.pose.scaled(keypoints_scale), &solution.covariance);
+    Ok(offset.of_keypoints_scaled_by(keypoints_scale))
 }
 
 /// One offset from those of several reference images.

@@ -10,7 +10,7 @@ use thiserror::Error;
 use tokio::sync::oneshot;
 
 use super::admission::{BodyLease, PixelLease, Place, Refusal};
-use super::answer::{Abandoned, Estimate, EstimateError, MeasureError, Selection};
+use super::answer::{Abandoned, Estimate, EstimateError, KeypointPrediction, MeasureError, Selection};
 use super::expected::Guide;
 use super::prepare::{Pixels, PrepareError};
 use crate::vision::{BoundingBox, Exif, Image};
@@ -41,8 +41,6 @@ pub struct ReferenceWork {
     pub object: String,
     /// The object's box; the detector's where there is none.
     pub region: Option<BoundingBox>,
-    /// What the coordinates of its keypoints are multiplied by.
-    pub keypoints_scale: f64,
     pub deadline: Instant,
 }
 
@@ -105,13 +103,17 @@ pub(super) enum Task {
     Reference {
         object: String,
         region: Option<BoundingBox>,
-        keypoints_scale: f64,
-        reply: oneshot::Sender<Result<Solved, QueueError>>,
+        reply: oneshot::Sender<Result<Located, QueueError>>,
     },
 }
 
-/// A reference image's box and keypoint pose.
-pub type Solved = (BoundingBox, Solution);
+/// Where a reference image shows its object.
+pub struct Located {
+    pub region: BoundingBox,
+    pub prediction: KeypointPrediction,
+    /// Pose of the virtual keypoints, as large as the network learned them.
+    pub solution: Solution,
+}
 
 /// An image that waits for a worker. It holds its place until it is dropped.
 pub(super) struct Job {
@@ -165,12 +167,12 @@ impl Job {
         drop(reply.send(Ok(Answer { estimate, exif, image, room, batch_size, queued, decode, total })));
     }
 
-    /// Answers with a reference image's solution.
-    pub(super) fn solved(self, solved: Solved) {
+    /// Answers with what a reference image shows.
+    pub(super) fn located(self, located: Located) {
         let Self { task, place, pixels, .. } = self;
         drop((place, pixels));
         if let Task::Reference { reply, .. } = task {
-            drop(reply.send(Ok(solved)));
+            drop(reply.send(Ok(located)));
         }
     }
 

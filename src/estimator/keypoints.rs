@@ -199,7 +199,7 @@ fn predict(
     Ok(boxes.iter().map(next).collect())
 }
 
-/// The pose of scaled keypoints that were found within a box that is certain, `camera_from_keypoints`, with the covariance that
+/// The pose of keypoints that were found within a box that is certain, `camera_from_keypoints`, with the covariance that
 /// the evidence leaves.
 pub(super) fn solve_judged(
     manifest: &KeypointManifest,
@@ -207,9 +207,8 @@ pub(super) fn solve_judged(
     image: &RgbImage,
     region: &BoundingBox,
     camera: &Camera,
-    keypoints_scale: f64,
 ) -> Result<Solution, PnpError> {
-    let Solved { mut solution, .. } = second_peaks::solve(manifest, found, camera, keypoints_scale)?;
+    let Solved { mut solution, .. } = second_peaks::solve(manifest, found, camera, 1.0)?;
     let certain = Detection { object: 0, bounding_box: *region, score: 1.0, given: None };
     solution.covariance = evidence::judge(manifest, &certain, found, &solution, image, camera).covariance(&solution);
     Ok(solution)

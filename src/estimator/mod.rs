@@ -47,7 +47,10 @@ pub use answer::{
     Abandoned, CallerFrames, Detection, Estimate, EstimateError, GivenBox, KeypointPrediction, MeasureError,
     ObjectPose, Observed, Selection, SolvedKeypoint, SolvedPose, Spread, Timings,
 };
-pub use calibrate::{CalibrateError, CalibrateOptions, MeasuredView, average_offsets, calibrate, measure_offset};
+pub use calibrate::{
+    CalibrateError, CalibrateOptions, Calibrated, KeypointsScale, MeasuredView, average_offsets, calibrate,
+    measure_offset,
+};
 pub use candidate::{CandidateError, load_candidate};
 pub use detect::MAX_DETECTIONS;
 pub use doubts::fit_to_measure;
@@ -55,7 +58,7 @@ pub use expected::{Expected, Guide};
 pub use follow::{FollowOptions, Follower, Tracked};
 pub use frame::Frame;
 pub use hint::Hint;
-pub use job::{Answer, QueueError, ReferenceWork, Solved, Work};
+pub use job::{Answer, Located, QueueError, ReferenceWork, Work};
 pub use parity::{Parity, ParityError};
 pub use pipeline::Estimator;
 pub use queue::{Queue, QueueConfig};

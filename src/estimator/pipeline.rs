@@ -11,6 +11,7 @@ use super::doubts;
 use super::expected::{Expected, Found, look_at};
 use super::frame::Frame;
 use super::hints::Outcome;
+use super::job::Located;
 use super::keypoints;
 use super::look::Eyes;
 use super::objects::{Scene, Solved, Sought, solve_all};
@@ -20,7 +21,7 @@ use super::watchdog::Activity;
 use crate::model::{Backend, Catalogue, Library, Networks, ObjectModel, References, RuntimeError};
 use crate::vision::BoundingBox;
 use posed_core::geometry::Camera;
-use posed_core::pnp::{Solution, Status};
+use posed_core::pnp::Status;
 
 /// The whole pipeline on one thread: it owns its networks.
 pub struct Estimator {
@@ -125,8 +126,7 @@ impl Estimator {
         image: &RgbImage,
         camera: &Camera,
         region: Option<BoundingBox>,
-        keypoints_scale: f64,
-    ) -> Result<(BoundingBox, Solution), MeasureError> {
+    ) -> Result<Located, MeasureError> {
         let library = Arc::clone(&self.catalogue.library);
         let place = library.place_of(object);
         let found = place.and_then(|place| Some((place, library.objects[place].as_ref()?)));
@@ -149,7 +149,8 @@ impl Estimator {
         let _running = self.activity.runs(&format!("the keypoint net of object {object}"));
         let manifest = &model.manifest;
         let found = keypoints::locate_within(manifest, network, &mut self.resizer, image, &region)?;
-        Ok((region, keypoints::solve_judged(manifest, &found, image, &region, camera, keypoints_scale)?))
+        let solution = keypoints::solve_judged(manifest, &found, image, &region, camera)?;
+        Ok(Located { region, prediction: found, solution })
     }
 
     /// Runs every network once: the first run of a session allocates, and a network that cannot run is found before

@@ -10,7 +10,7 @@ use tokio::sync::oneshot;
 use super::admission::{Admission, BodyLease, Place, Refusal, Room};
 use super::answer::Abandoned;
 use super::cores::Cores;
-use super::job::{Answer, Job, QueueError, ReferenceWork, Slot, Solved, Task, Work};
+use super::job::{Answer, Job, Located, QueueError, ReferenceWork, Slot, Task, Work};
 use super::pace::Pace;
 use super::pipeline::Estimator;
 use super::prepare::Decoders;
@@ -107,10 +107,10 @@ impl Queue {
     ///
     /// # Errors
     /// As [`Queue::estimate`].
-    pub async fn measure(&self, work: ReferenceWork) -> Result<Solved, QueueError> {
-        let ReferenceWork { image, body, camera, object, region, keypoints_scale, deadline } = work;
+    pub async fn measure(&self, work: ReferenceWork) -> Result<Located, QueueError> {
+        let ReferenceWork { image, body, camera, object, region, deadline } = work;
         let (reply, answer) = oneshot::channel();
-        let task = Task::Reference { object, region, keypoints_scale, reply };
+        let task = Task::Reference { object, region, reply };
         self.run(Request { image, body, camera, task, keep_image: false, deadline }, answer).await
     }
 

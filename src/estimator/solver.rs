@@ -36,7 +36,7 @@ impl<'a> KeypointSolver<'a> {
     ) -> Result<(KeypointPrediction, Result<Solution, PnpError>), EstimateError> {
         let camera = camera.for_image(image.width(), image.height())?;
         let found = self.locate(image, region)?;
-        let solution = solve_judged(&self.model.manifest, &found, image, region, &camera, 1.0);
+        let solution = solve_judged(&self.model.manifest, &found, image, region, &camera);
         Ok((found, solution))
     }
 

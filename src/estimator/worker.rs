@@ -228,19 +228,19 @@ impl Workers {
     }
 
     fn measure(&self, estimator: &mut Estimator, job: Job) -> bool {
-        let Task::Reference { object, region, keypoints_scale, .. } = &job.task else { return true };
+        let Task::Reference { object, region, .. } = &job.task else { return true };
         if let Err(why) = job.abandoned() {
             self.abandon(job, why);
             return true;
         }
         let image = &job.pixels.image;
-        let measured = || estimator.measure(object, image, &job.camera, *region, *keypoints_scale);
+        let measured = || estimator.measure(object, image, &job.camera, *region);
         let measured = catch_unwind(AssertUnwindSafe(measured));
         let sound = measured.is_ok();
         match measured {
-            Ok(Ok(solved)) => {
+            Ok(Ok(located)) => {
                 Stats::count(&self.stats.worked);
-                job.solved(solved);
+                job.located(located);
             }
             Ok(Err(error)) => self.fail(job, error.into()),
             Err(_) => self.fail(job, QueueError::Crashed),

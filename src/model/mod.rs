@@ -41,6 +41,7 @@ pub use networks::{Networks, NewNetworks};
 pub(crate) use object::DETECTOR;
 pub use object::ObjectModel;
 pub use provider::{Provider, ProviderSetting};
+pub(crate) use reference::KEYPOINTS_SCALE;
 pub(crate) use reference::write_atomically;
 pub use reference::{Method, PoseFile, Reference, ReferenceError, ReferenceView};
 pub use references::References;

@@ -11,7 +11,8 @@ use serde_json::{Value, json as value};
 
 use crate::clicked::ClickedCube;
 use crate::support::{
-    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, scene, two_cubes,
+    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, scene, scene_cameras,
+    two_cubes,
 };
 
 pub(crate) async fn put(server: &Server, object: &str, images: &[Vec<u8>], request: &Value) -> Response {
@@ -94,6 +95,44 @@ async fn a_fitted_scale_stays() {
     let depth = |pose: &Value| pose["translation_m"][2].as_f64().unwrap();
     let (stated, found) = (depth(&pose), depth(&again["camera_from_object"]));
     assert!((found / stated - 1.0).abs() < 5e-3, "{stated} {found}");
+}
+
+/// Cameras that stand farther off than they say show what seems to be a larger object: told in the answer, in force on demand.
+#[tokio::test]
+async fn the_scale_is_fitted_on_demand() {
+    const FARTHER: f64 = 1.03;
+    let folder = copy_of("reference");
+    let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let (images, objects) = scene();
+    let world_from_object = objects.iter().find(|object| object.object == "cube").unwrap().pose();
+    let known: Vec<Value> = scene_cameras()
+        .iter()
+        .map(|camera| {
+            let rotation = serde_json::from_value(camera["rotation_xyzw"].clone()).unwrap();
+            let translation = serde_json::from_value(camera["translation_m"].clone()).unwrap();
+            let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
+            let seen = (world_from_camera.inverse() * world_from_object).scaled(FARTHER);
+            let pose = value!({"rotation_xyzw": seen.rotation_xyzw(), "translation_m": seen.translation_m()});
+            value!({"camera": "demo", "camera_from_object": pose})
+        })
+        .collect();
+    let request = value!({ "references": known });
+    let told = json(put(&server, "cube", &images, &request).await).await;
+    let fitted = told["fitted_scale"]["value"].as_f64().unwrap();
+    assert!((fitted - FARTHER).abs() < 0.015 && told["keypoints_scale"] == 1.0, "{told}");
+    let two = value!({"references": known[..2], "fit_scale": true});
+    let refused = put(&server, "cube", &images[..2], &two).await;
+    assert_eq!(refused.status(), StatusCode::UNPROCESSABLE_ENTITY);
+    let said = error(refused).await.1;
+    assert!(said.contains("at least three"), "{said}");
+    let request = value!({"references": known, "fit_scale": true});
+    let stored = json(put(&server, "cube", &images, &request).await).await;
+    assert_eq!(stored["keypoints_scale"], stored["fitted_scale"]["value"]);
+    let answer = json(post(&server, CAMERA, images[0].clone()).await).await;
+    let cube = answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap().clone();
+    let depth = |pose: &Value| pose["translation_m"][2].as_f64().unwrap();
+    let ratio = depth(&cube["camera_from_object"]) / depth(&known[0]["camera_from_object"]);
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
 }
 
 #[tokio::test]

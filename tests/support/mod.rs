@@ -216,10 +216,15 @@ pub fn samples() -> Vec<Sample> {
 }
 
 impl KnownObject {
+    /// In the camera's frame, or the rig's.
+    pub fn pose(&self) -> Pose {
+        Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap()
+    }
+
     /// ADD of an answer over the object's diameter.
     pub fn error(&self, rotation_xyzw: [f64; 4], translation_m: [f64; 3]) -> f64 {
         let model = ObjectMesh::read(&root().join("training/demo/models"), self.obj_id).unwrap();
-        let truth = Pose::from_quaternion_xyzw(self.rotation_xyzw, self.translation_m).unwrap();
+        let truth = self.pose();
         let answer = Pose::from_quaternion_xyzw(rotation_xyzw, translation_m).unwrap();
         let points = ModelPoints::new(&model).unwrap();
         points.average_distance_m(&answer, &truth) / points.diameter_m()

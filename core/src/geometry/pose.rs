@@ -98,6 +98,12 @@ impl Pose {
         Self::from_row_major(rotation, [matrix.m14, matrix.m24, matrix.m34])
     }
 
+    /// The same pose in a world that is so many times as large.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self::new(self.rotation, self.translation * factor)
+    }
+
     /// Rotation of frame b in frame a.
     #[must_use]
     pub fn rotation(&self) -> &Rotation3<f64> {

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 
 use fastrand::Rng;
 use posed_core::calibration::{Mode, Offset};
-use posed_core::geometry::Pose;
 use posed_core::pnp::Solution;
 use serde::Serialize;
 
@@ -46,17 +45,8 @@ pub(super) struct SolvedView {
 }
 
 impl SolvedView {
-    /// The pose that follows from keypoints of some scale: the same one, at a distance that is scaled as well.
-    fn scaled(&self, keypoints_scale: f64) -> Option<Solution> {
-        let mut solution = self.solution.clone()?;
-        let pose = solution.pose;
-        solution.pose = Pose::new(*pose.rotation(), pose.translation() * keypoints_scale);
-        Some(solution)
-    }
-
     fn offset(&self, keypoints_scale: f64) -> Option<Offset> {
-        let offset = measure_offset(&self.located.camera_from_object, &self.scaled(keypoints_scale)?).ok()?;
-        Some(offset.of_keypoints_scaled_by(keypoints_scale))
+        measure_offset(&self.located.camera_from_object, self.solution.as_ref()?, keypoints_scale).ok()
     }
 }
 
@@ -166,8 +156,10 @@ fn make(model: &ObjectModel, references: &[&SolvedView], making: Making) -> Opti
 fn score(points: &ModelPoints, offset: &Offset, views: &[&SolvedView]) -> Option<Recall> {
     let scored = |view: &&SolvedView| {
         let LocatedView { camera, camera_from_object, .. } = &view.located;
-        let solution = view.scaled(offset.keypoints_scale);
-        let estimate = solution.map(|solution| offset.apply(&solution.pose, &solution.covariance).0);
+        let estimate = view
+            .solution
+            .as_ref()
+            .map(|solution| offset.apply(&solution.pose.scaled(offset.keypoints_scale), &solution.covariance).0);
         let deviation = |estimate| Deviation::new(points, camera, &estimate, camera_from_object);
         ScoredView {
             deviation: estimate.map(deviation),

@@ -12,15 +12,14 @@ use axum::response::{IntoResponse as _, Response};
 use super::form::{self, Form, ImageLimit};
 use super::path::ObjectName;
 use super::upload::Admitted;
-use crate::estimator::CalibrateOptions;
 use crate::server::api::json::{ErrorBody, ReferenceReport, ReferenceRequest};
 use crate::server::body::Held;
 use crate::server::service::{Failure, Recalibration, ReferenceImage, Service};
 
 /// Measures the reference of an object and replaces it.
 ///
-/// The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force. The server must run with
-/// `--recalibration`.
+/// The new reference takes effect immediately. It keeps `keypoints_scale` of the one in force, unless `fit_scale` is set. The
+/// server must run with `--recalibration`.
 #[utoipa::path(
     put,
     path = "/v1/objects/{name}/reference",
@@ -61,10 +60,11 @@ pub(super) async fn replace(
     let Form { images, request } =
         form::read_form::<ReferenceRequest>(ImageLimit::of_batch(&service), request, deadline).await?;
     let request = request.ok_or_else(|| Failure::invalid("no part 'request'; send one with the known poses"))?;
-    let options = CalibrateOptions { mode: request.mode, far_origin: request.far_origin };
+    let ReferenceRequest { mode, far_origin, fit_scale, .. } = request;
     let views = request.views(images)?;
-    let reference = service.recalibrate(Recalibration { object, views, options, body, deadline }).await?;
-    Ok(Json((&*reference).into()))
+    let asked = Recalibration { object, views, mode, far_origin, fit_scale, body, deadline };
+    let (reference, fitted_scale) = service.recalibrate(asked).await?;
+    Ok(Json(ReferenceReport::measured(&reference, fitted_scale)))
 }
 
 /// Returns an image that the reference in force was measured on.

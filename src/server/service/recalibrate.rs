@@ -3,16 +3,17 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use posed_core::calibration::{Click, ClickedPair, FrameClicks, reference_from_clicks};
+use posed_core::calibration::{Click, ClickedPair, FrameClicks, Mode, reference_from_clicks};
 use posed_core::geometry::Pose;
+use posed_core::views::Scale;
 use tokio::sync::Mutex;
 
 use super::failure::{Failure, FailureKind};
 use super::options::CameraChoice;
 use super::state::Service;
 use crate::estimator::{
-    Abandoned, BodyLease, CalibrateError, CalibrateOptions, MeasuredView, QueueError, ReferenceWork, calibrate,
-    no_view_twice,
+    Abandoned, BodyLease, CalibrateError, CalibrateOptions, Calibrated, KeypointsScale, Located, LocatedView,
+    MeasuredView, QueueError, ReferenceWork, calibrate, no_view_twice,
 };
 use crate::model::{Catalogue, InForce, References};
 use crate::vision::{BoundingBox, Image};
@@ -46,7 +47,11 @@ pub(crate) struct ClickedPose {
 pub(crate) struct Recalibration {
     pub object: String,
     pub views: Vec<KnownView>,
-    pub options: CalibrateOptions,
+    pub mode: Mode,
+    /// Whether the origin of the object's frame may lie farther from the object than the object is large.
+    pub far_origin: bool,
+    /// Whether the keypoints' scale follows from these images, too. Else that in force stays.
+    pub fit_scale: bool,
     /// The room that the images take.
     pub body: Arc<BodyLease>,
     pub deadline: Instant,
@@ -64,9 +69,16 @@ impl Service {
         self.recalibration.as_ref().ok_or_else(|| Failure::new(FailureKind::Forbidden, message))
     }
 
-    /// Measures an object's offset anew and puts it into force.
-    pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<Arc<InForce>, Failure> {
-        let Recalibration { object, views, options, body, deadline } = asked;
+    /// A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it stays.
+    fn scale_in_force(&self, object: &str) -> KeypointsScale {
+        let catalogue = self.catalogue();
+        let in_force = catalogue.references.get(object);
+        KeypointsScale::Stays(in_force.map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale))
+    }
+
+    /// Measures an object's offset anew and puts it into force. With it comes what the images show of the keypoints' scale.
+    pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<(Arc<InForce>, Option<Scale>), Failure> {
+        let Recalibration { object, views, mode, far_origin, fit_scale, body, deadline } = asked;
         let one_at_a_time = Arc::clone(self.one_at_a_time()?);
         // What is measured with another one is not taken for it below.
         let model = self.model(&object)?;
@@ -82,9 +94,6 @@ impl Service {
         no_view_twice(&stated).map_err(CalibrateError::from)?;
         let turn = tokio::time::timeout_at(deadline.into(), one_at_a_time.lock_owned()).await;
         let turn = turn.map_err(|_| QueueError::from(Abandoned::Expired))?;
-        // A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it stays.
-        let keypoints_scale =
-            self.catalogue().references.get(&object).map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale);
         let mut measured = Vec::with_capacity(views.len());
         let mut files = Vec::with_capacity(views.len());
         for (index, (view, (_, camera_from_object))) in views.into_iter().zip(stated).enumerate() {
@@ -96,27 +105,28 @@ impl Service {
                 camera: camera.clone(),
                 object: object.clone(),
                 region: view.region,
-                keypoints_scale,
                 deadline,
             };
             let measuring = self.queue.measure(work).await;
-            let (region, solution) = measuring.map_err(|error| of_image(index, error.into()))?;
-            measured.push(MeasuredView {
-                file: file.clone(),
-                camera,
-                camera_from_object,
-                region,
-                solution,
-                keypoints_scale,
-            });
+            let Located { region, prediction, solution } = measuring.map_err(|error| of_image(index, error.into()))?;
+            let located = LocatedView { camera, camera_from_object, prediction };
+            measured.push(MeasuredView { file: file.clone(), region, located, solution });
             files.push((file, view.image.to_vec()));
         }
+        let scale = if fit_scale { KeypointsScale::Fitted } else { self.scale_in_force(&object) };
+        let options = CalibrateOptions { mode, far_origin, scale };
+        let of_model = Arc::clone(&model);
+        let calibrating = tokio::task::spawn_blocking(move || calibrate(&of_model, measured, options));
+        let calibrated = calibrating.await.map_err(|error| {
+            tracing::error!(%error, "a reference could not be measured");
+            Failure::new(FailureKind::Internal, "measuring the reference failed; the old one remains in use")
+        })?;
         // Callers know the number of an image, not the name of its file.
-        let reference = calibrate(&model, measured, options).map_err(|error| match error {
+        let Calibrated { reference, scale } = calibrated.map_err(|error| match error {
             CalibrateError::Measure { view, file: _, source } => {
                 of_image(view, Failure::new(FailureKind::Unmeasurable, source.to_string()))
             }
-            CalibrateError::Average(_) | CalibrateError::StatedPose(_) => error.into(),
+            _ => error.into(),
         })?;
         // No change of objects may come between, or the new ones would not know of it.
         let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;
@@ -141,7 +151,7 @@ impl Service {
         let written = written.map_err(|error| failed(error.to_string()))?;
         let in_force = written.map_err(|error| failed(error.to_string()))?;
         tracing::info!("{object} has a new reference (sha256 {})", in_force.sha256);
-        Ok(in_force)
+        Ok((in_force, scale))
     }
 
     fn known_pose(&self, view: &KnownView) -> Result<Pose, Failure> {

@@ -3,11 +3,13 @@
 use std::time::{Duration, UNIX_EPOCH};
 
 use posed_core::geometry::Camera;
+use posed_core::views::Scale;
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::forms::CameraForm;
+use super::views::ScaleReport;
 use crate::estimator::MAX_DETECTIONS;
 use crate::model::{InForce, Method, PoseFile};
 use crate::server::service::{KnownObject, Limits, MAX_JSON_BYTES, MemoryBound};
@@ -60,8 +62,13 @@ pub(crate) struct ReferenceReport {
     /// Uncertainty of the offset: standard deviations over all axes.
     sigma_translation_m: f64,
     sigma_rotation_rad: f64,
-    /// What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`posed calibrate --fit-scale`).
+    /// What the coordinates of the virtual keypoints are multiplied by: 1 unless it was fitted (`fit_scale`, or
+    /// `posed calibrate --fit-scale`).
     keypoints_scale: f64,
+    /// What `keypoints_scale` would be if it were fitted to these references. Present in the answer that they are measured
+    /// for, if at least three agree and look from different sides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fitted_scale: Option<ScaleReport>,
     views: Vec<ReferenceViewReport>,
 }
 
@@ -233,6 +240,14 @@ impl From<KnownObject> for ObjectReport {
     }
 }
 
+impl ReferenceReport {
+    /// Of a reference whose images were measured just now.
+    pub(crate) fn measured(in_force: &InForce, fitted_scale: Option<Scale>) -> Self {
+        let fitted_scale = fitted_scale.map(|scale| ScaleReport { value: scale.value, sigma: scale.sigma });
+        Self { fitted_scale, ..in_force.into() }
+    }
+}
+
 impl From<&InForce> for ReferenceReport {
     fn from(in_force: &InForce) -> Self {
         let InForce { reference, sha256, version, .. } = in_force;
@@ -253,6 +268,7 @@ impl From<&InForce> for ReferenceReport {
             sigma_translation_m,
             sigma_rotation_rad,
             keypoints_scale: reference.offset.keypoints_scale,
+            fitted_scale: None,
             views: views.collect(),
         }
     }

@@ -30,6 +30,10 @@ pub(crate) struct ReferenceRequest {
     /// Whether the origin of the object's frame may lie farther from the object than the object is large.
     #[serde(default)]
     pub far_origin: bool,
+    /// Whether `keypoints_scale` follows from these references: for a network that sees its object a percent too large or too
+    /// small. Needs at least three references from different sides. Without it the scale in force stays.
+    #[serde(default)]
+    pub fit_scale: bool,
 }
 
 /// The known facts about one reference image.
