@@ -126,7 +126,10 @@ impl Service {
             CalibrateError::Measure { view, file: _, source } => {
                 of_image(view, Failure::new(FailureKind::Unmeasurable, source.to_string()))
             }
-            _ => error.into(),
+            CalibrateError::Average(_)
+            | CalibrateError::StatedPose(_)
+            | CalibrateError::NoScale
+            | CalibrateError::Scale { .. } => error.into(),
         })?;
         // No change of objects may come between, or the new ones would not know of it.
         let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;
