@@ -53,7 +53,8 @@ pub(super) struct Calibrate {
     #[arg(long)]
     far_origin: bool,
     /// Store the scale of the keypoints that the references show, and not only say it: for a network that sees its object a
-    /// percent too large or too small. Needs at least three references from different sides.
+    /// percent too large or too small. Needs at least three references from different sides. Without it the scale of the
+    /// reference before stays.
     #[arg(long)]
     fit_scale: bool,
     #[command(flatten)]
@@ -93,7 +94,7 @@ struct ReferenceImage {
 
 /// An axis this many times less exact than the best one deserves a view from the side.
 const WEAK_AXIS: f64 = 3.0;
-/// A scale this far from 1 helps more often than it spoils: three photos of a real cube that comes out 1.4 % too near say it so,
+/// A scale this far from that in force helps more often than it spoils: three photos of a real cube that comes out 1.4 % too near say it so,
 /// and what nothing is wrong with does so once in twenty.
 const SIGMAS_TO_ADVISE: f64 = 2.0;
 /// Of an object that is seen smaller than this, nothing can be measured.
@@ -116,30 +117,37 @@ impl Calibrate {
             measured.push(view.map_err(|error| format!("{name}: {error}"))?);
             files.push((file, bytes));
         }
-        let scale = if self.fit_scale { KeypointsScale::Fitted } else { KeypointsScale::default() };
+        // What was fitted of an earlier reference holds for this one, too.
+        let before = References::read(&self.models.reference, &model).ok().flatten();
+        let stays = before.map_or(1.0, |reference| reference.offset.keypoints_scale);
+        let scale = if self.fit_scale { KeypointsScale::Fitted } else { KeypointsScale::Stays(stays) };
         let options = CalibrateOptions { mode: self.mode.into(), far_origin: self.far_origin, scale };
         let Calibrated { reference, scale } = calibrate(&model, measured, options)?;
         References::write(&self.models.reference, &reference, &files)?;
         print(&reference);
         if let Some(scale) = scale {
-            say!("{}", self.in_words(scale));
+            say!("{}", self.in_words(scale, reference.offset.keypoints_scale));
+        } else if (stays - 1.0).abs() > 0.0 {
+            say!("scale of the keypoints: {stays:.4}, as in the reference before");
         }
         say!("{}", self.models.reference.join(format!("{}.json", self.object)).display());
         Ok(())
     }
 
-    fn in_words(&self, Scale { value, sigma }: Scale) -> String {
-        let sigmas_off = (value - 1.0).abs() / sigma;
+    /// What the references show, and what is in force.
+    fn in_words(&self, Scale { value, sigma }: Scale, in_force: f64) -> String {
+        let sigmas_off = (value - in_force).abs() / sigma;
         let verdict = if self.fit_scale {
             "stored".into()
         } else if sigmas_off > SIGMAS_TO_ADVISE {
-            let too = if value > 1.0 { "short" } else { "long" };
-            let percent = 1e2 * (value - 1.0).abs();
+            let too = if value > in_force { "short" } else { "long" };
+            let percent = 1e2 * (in_force / value - 1.0).abs();
             format!(
-                "{sigmas_off:.1} sigma from 1: distances come out {percent:.1} % too {too}; add --fit-scale to store it"
+                "{sigmas_off:.1} sigma from {in_force:.4}, which is in force: distances come out {percent:.1} % too {too}; add \
+                 --fit-scale to store it"
             )
         } else {
-            format!("1 within {SIGMAS_TO_ADVISE:.0} sigma")
+            format!("{in_force:.4}, which is in force, is within {SIGMAS_TO_ADVISE:.0} sigma")
         };
         format!("scale of the keypoints: {value:.4} (1 sigma {sigma:.4}): {verdict}")
     }

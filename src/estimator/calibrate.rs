@@ -3,8 +3,8 @@ use thiserror::Error;
 use super::answer::MeasureError;
 use super::stated_pose::{StatedPoseError, origin_is_near};
 use super::verdict::{Reason, Verdict};
-use super::views::{LocatedView, fit_keypoints_scale};
-use crate::model::{KEYPOINTS_SCALE, Method, ObjectModel, PoseFile, Reference, ReferenceView};
+use super::views::{LocatedView, fit_offset_and_scale};
+use crate::model::{Method, ObjectModel, PoseFile, Reference, ReferenceView};
 use crate::vision::BoundingBox;
 use posed_core::calibration::{AverageError, Averaged, Consensus, Mode, Offset, average};
 use posed_core::geometry::{Pose, sigmas};
@@ -47,14 +47,10 @@ pub enum CalibrateError {
     #[error(transparent)]
     StatedPose(#[from] StatedPoseError),
     #[error(
-        "a scale of the keypoints needs at least three references that agree, from sides that are 20 degrees or more apart"
+        "a scale of the keypoints needs at least three references that agree, from sides that are 20 degrees or more apart; \
+         of these {references}, {agreeing} agree"
     )]
-    NoScale,
-    #[error(
-        "the references show the object {scale:.2} times as large as its network learned it, and {least} to {most} can be \
-         meant; are the poses, or the camera, in another unit?"
-    )]
-    Scale { scale: f64, least: f64, most: f64 },
+    NoScale { agreeing: usize, references: usize },
 }
 
 /// What the coordinates of the virtual keypoints are multiplied by before a pose is solved from them.
@@ -94,18 +90,19 @@ pub fn calibrate(
         KeypointsScale::Stays(scale) => scale,
         KeypointsScale::Fitted => 1.0,
     };
-    let mut averaged = offset_of(model, &views, first, options)?;
+    let averaged = offset_of(model, &views, first, options)?;
     no_image_twice(&views, model.manifest.diameter_m)?;
     let located: Vec<&LocatedView> = views.iter().map(|view| &view.located).collect();
-    let scale = fit_keypoints_scale(model, &located, &averaged.offset);
-    if let KeypointsScale::Fitted = options.scale {
-        let scale = scale.ok_or(CalibrateError::NoScale)?.value;
-        if !KEYPOINTS_SCALE.contains(&scale) {
-            let (least, most) = KEYPOINTS_SCALE.into_inner();
-            return Err(CalibrateError::Scale { scale, least, most });
+    let of_scale = |scale| offset_of(model, &views, scale, options).ok();
+    let fitted = fit_offset_and_scale(model, &located, &averaged, of_scale);
+    let (averaged, scale) = match (options.scale, fitted) {
+        (KeypointsScale::Fitted, Some((fitted, scale))) => (fitted, Some(scale)),
+        (KeypointsScale::Fitted, None) => {
+            let agreeing = averaged.residuals.iter().filter(|residual| residual.inlier).count();
+            return Err(CalibrateError::NoScale { agreeing, references: views.len() });
         }
-        averaged = offset_of(model, &views, scale, options)?;
-    }
+        (KeypointsScale::Stays(_), fitted) => (averaged, fitted.map(|(_, scale)| scale)),
+    };
     let method = Method::of(views.len(), options.mode);
     let views = views.into_iter().zip(&averaged.residuals).map(|(view, residual)| ReferenceView {
         image: view.file,

@@ -69,6 +69,6 @@ pub use update::{Update, UpdateError};
 pub use verdict::{Reason, Reasons, Verdict};
 pub use views::{
     CamerasError, FusedPose, LeftOut, LocatedView, PosedCamera, ViewShare, ViewsPicture, cameras_are_meant,
-    fit_keypoints_scale, fuse,
+    fit_offset_and_scale, fuse,
 };
 pub use worker::StartError;

@@ -125,6 +125,14 @@ impl References {
         }
     }
 
+    /// `keypoints_scale` of the object's reference as it is in the folder now, else of that in force; 1 without any.
+    #[must_use]
+    pub fn stored_scale(&self, object: &ObjectModel) -> f64 {
+        let of = |in_force: &InForce| in_force.reference.offset.keypoints_scale;
+        let in_force = || self.get(&object.manifest.name).map(|in_force| of(&in_force));
+        self.read_file(object).as_ref().ok().map(of).or_else(in_force).unwrap_or(1.0)
+    }
+
     /// Why the reference of an object is not in force.
     #[must_use]
     pub fn problem(&self, object: &str) -> Option<String> {

@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use posed_core::geometry::Pose;
 use serde_json::{Map, Value, json};
 
-use crate::support::{assert_scene_right, explanation, root, run};
+use crate::support::{assert_scene_right, explanation, root, run, scene, scene_cameras};
 
 const IMAGES: [&str; 3] = ["samples/scene/view-1.jpg", "samples/scene/view-2.jpg", "samples/scene/view-3.jpg"];
 const RIG: &str = "samples/scene.rig.json";
@@ -157,6 +157,46 @@ fn calibrate(split: &Path, images: &[&str], reference: &Path, extra: &[&str]) ->
     run(&[&arguments[..], extra].concat())
 }
 
+/// The link looks the same in four ways, of which each view shows any.
+#[test]
+fn the_scale_follows_the_stated_distances() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (folder.path().join("references.json"), folder.path().join("reference"));
+    let read = |path: &str| serde_json::from_slice::<Value>(&fs::read(root().join(path)).unwrap()).unwrap();
+    let camera = read("samples/demo.camera.json");
+    for object in scene().1.iter().filter(|known| ["link", "motor"].contains(&known.object.as_str())) {
+        let stated = |farther: f64| {
+            let entry = |(image, camera_pose): (&&str, &Value)| {
+                let rotation = serde_json::from_value(camera_pose["rotation_xyzw"].clone()).unwrap();
+                let translation = serde_json::from_value(camera_pose["translation_m"].clone()).unwrap();
+                let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
+                let seen = world_from_camera.inverse() * object.pose();
+                let [x, y, z] = seen.translation_m();
+                let [u, v, half] = [600.0 * x / z + 319.5, 600.0 * y / z + 239.5, 600.0 * 0.05 / z];
+                let seen = seen.scaled(farther);
+                json!({
+                    "image": root().join(image), "camera": camera, "box_px": [u - half, v - half, 2.0 * half, 2.0 * half],
+                    "camera_from_object": {"rotation_xyzw": seen.rotation_xyzw(), "translation_m": seen.translation_m()},
+                })
+            };
+            json!(IMAGES.iter().zip(&scene_cameras()).map(entry).collect::<Vec<_>>())
+        };
+        for mode in ["weighted", "paper"] {
+            let [as_is, farther] = [1.0, 1.03].map(|farther| {
+                fs::write(&file, stated(farther).to_string()).unwrap();
+                let (references, folder) = (file.to_str().unwrap(), out.to_str().unwrap());
+                let name = object.object.as_str();
+                let words = ["calibrate", name, "--references", references, "--reference", folder, "--mode", mode];
+                let output = run(&[&words[..], &["--fit-scale"]].concat());
+                assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+                let stored = serde_json::from_slice::<Value>(&fs::read(out.join(format!("{name}.json"))).unwrap());
+                stored.unwrap()["keypoints_scale"].as_f64().unwrap()
+            });
+            assert!((farther / as_is - 1.03).abs() < 3e-3, "{} {mode}: {as_is} {farther}", object.object);
+        }
+    }
+}
+
 /// Every object of a scene's ground truth three hundredths farther away.
 fn farther(images: &mut Value) {
     let objects = images.as_object_mut().unwrap().values_mut().flat_map(|image| image.as_array_mut().unwrap());
@@ -188,6 +228,10 @@ fn calibrate_fits_the_scale_on_demand() {
     assert!(output.status.success() && text.contains("stored"), "{text}");
     let scale = stored().unwrap();
     assert!((scale - 1.0).abs() < 0.05, "{scale}");
+    let output = calibrate(split.path(), &["0", "1"], reference.path(), &[]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.contains("as in the reference before"), "{text}");
+    assert_eq!(stored(), Some(scale));
     let said = explanation(&calibrate(split.path(), &["0", "1"], reference.path(), &["--fit-scale"]));
     assert!(said.contains("at least three references"), "{said}");
     // Twice as large would be twice as far: what the file says is used, and shown.

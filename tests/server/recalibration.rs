@@ -23,8 +23,12 @@ pub(crate) async fn put(server: &Server, object: &str, images: &[Vec<u8>], reque
 }
 
 async fn cube(server: &Server) -> Value {
-    let answer = json(post(server, CAMERA, read(&samples()[0].file)).await).await;
-    answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap().clone()
+    pose_of(&json(post(server, CAMERA, read(&samples()[0].file)).await).await, "cube")
+}
+
+/// The best of an object's poses.
+fn pose_of(answer: &Value, object: &str) -> Value {
+    answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == object).unwrap().clone()
 }
 
 /// An answered pose as a request states it.
@@ -81,9 +85,13 @@ async fn what_was_left_over_is_removed() {
 async fn a_fitted_scale_stays() {
     let folder = copy_of("reference");
     let file = folder.path().join("cube.json");
-    change(&file, |json| json["keypoints_scale"] = 1.04.into());
     let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
-    let pose = stated(&cube(&server).await);
+    let mut pose = stated(&cube(&server).await);
+    for metres in pose["translation_m"].as_array_mut().unwrap() {
+        *metres = (1.04 * metres.as_f64().unwrap()).into();
+    }
+    // By another process, of which the server does not know yet.
+    change(&file, |json| json["keypoints_scale"] = 1.04.into());
     let request = value!({"references": [{"camera": "demo", "camera_from_object": pose}]});
     let response = put(&server, "cube", &[read(&samples()[0].file)], &request).await;
     assert_eq!(response.status(), StatusCode::OK);
@@ -97,42 +105,71 @@ async fn a_fitted_scale_stays() {
     assert!((found / stated - 1.0).abs() < 5e-3, "{stated} {found}");
 }
 
+/// The bundled scene as references of one object, whose distances are stated so many times as long.
+fn references(object: &str, farther: f64) -> Vec<Value> {
+    let world_from_object = scene().1.iter().find(|known| known.object == object).unwrap().pose();
+    let known = |camera: &Value| {
+        let rotation = serde_json::from_value(camera["rotation_xyzw"].clone()).unwrap();
+        let translation = serde_json::from_value(camera["translation_m"].clone()).unwrap();
+        let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
+        known_view(&(world_from_camera.inverse() * world_from_object).scaled(farther))
+    };
+    scene_cameras().iter().map(known).collect()
+}
+
+fn known_view(camera_from_object: &Pose) -> Value {
+    let pose = value!({
+        "rotation_xyzw": camera_from_object.rotation_xyzw(), "translation_m": camera_from_object.translation_m()
+    });
+    value!({"camera": "demo", "camera_from_object": pose})
+}
+
 /// Cameras that stand farther off than they say show what seems to be a larger object: told in the answer, in force on demand.
 #[tokio::test]
 async fn the_scale_is_fitted_on_demand() {
     const FARTHER: f64 = 1.03;
     let folder = copy_of("reference");
     let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
-    let (images, objects) = scene();
-    let world_from_object = objects.iter().find(|object| object.object == "cube").unwrap().pose();
-    let known: Vec<Value> = scene_cameras()
-        .iter()
-        .map(|camera| {
-            let rotation = serde_json::from_value(camera["rotation_xyzw"].clone()).unwrap();
-            let translation = serde_json::from_value(camera["translation_m"].clone()).unwrap();
-            let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
-            let seen = (world_from_camera.inverse() * world_from_object).scaled(FARTHER);
-            let pose = value!({"rotation_xyzw": seen.rotation_xyzw(), "translation_m": seen.translation_m()});
-            value!({"camera": "demo", "camera_from_object": pose})
-        })
-        .collect();
-    let request = value!({ "references": known });
-    let told = json(put(&server, "cube", &images, &request).await).await;
+    let (images, _) = scene();
+    let known = references("cube", FARTHER);
+    let told = json(put(&server, "cube", &images, &value!({ "references": known })).await).await;
     let fitted = told["fitted_scale"]["value"].as_f64().unwrap();
     assert!((fitted - FARTHER).abs() < 0.015 && told["keypoints_scale"] == 1.0, "{told}");
     let two = value!({"references": known[..2], "fit_scale": true});
     let refused = put(&server, "cube", &images[..2], &two).await;
     assert_eq!(refused.status(), StatusCode::UNPROCESSABLE_ENTITY);
     let said = error(refused).await.1;
-    assert!(said.contains("at least three"), "{said}");
+    assert!(said.contains("at least three") && said.contains("of these 2"), "{said}");
     let request = value!({"references": known, "fit_scale": true});
     let stored = json(put(&server, "cube", &images, &request).await).await;
     assert_eq!(stored["keypoints_scale"], stored["fitted_scale"]["value"]);
     let answer = json(post(&server, CAMERA, images[0].clone()).await).await;
-    let cube = answer["poses"].as_array().unwrap().iter().find(|pose| pose["object"] == "cube").unwrap().clone();
-    let depth = |pose: &Value| pose["translation_m"][2].as_f64().unwrap();
-    let ratio = depth(&cube["camera_from_object"]) / depth(&known[0]["camera_from_object"]);
+    let depth = |pose: &Value| pose["camera_from_object"]["translation_m"][2].as_f64().unwrap();
+    let ratio = depth(&pose_of(&answer, "cube")) / depth(&known[0]);
     assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+}
+
+/// A reference that the offset does not rest on says nothing of the scale either.
+#[tokio::test]
+async fn a_wrong_reference_does_not_change_the_scale() {
+    let folder = copy_of("reference");
+    let server = Server::start(&["--reference", folder.path().to_str().unwrap(), "--recalibration"]);
+    let (mut images, _) = scene();
+    let mut known = references("cube", 1.0);
+    let fitted = async |images: &[Vec<u8>], known: &[Value]| {
+        let request = value!({"references": known, "fit_scale": true});
+        json(put(&server, "cube", images, &request).await).await
+    };
+    let right = fitted(&images, &known).await;
+    let sample = samples().swap_remove(0);
+    let seen = sample.objects.iter().find(|known| known.object == "cube").unwrap().pose();
+    images.push(read(&sample.file));
+    let too_deep = Pose::new(*seen.rotation(), seen.translation() * (1.0 + 0.045 / seen.translation().norm()));
+    known.push(known_view(&too_deep));
+    let with_wrong = fitted(&images, &known).await;
+    assert_eq!(with_wrong["views"][3]["inlier"], false, "{with_wrong}");
+    let scale = |answer: &Value| answer["keypoints_scale"].as_f64().unwrap();
+    assert!((scale(&right) - scale(&with_wrong)).abs() < 1e-9, "{right} {with_wrong}");
 }
 
 #[tokio::test]

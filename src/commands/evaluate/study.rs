@@ -8,7 +8,7 @@ use posed_core::pnp::Solution;
 use serde::Serialize;
 
 use super::plan::Task;
-use crate::estimator::{KeypointSolver, LocatedView, average_offsets, fit_keypoints_scale, measure_offset};
+use crate::estimator::{KeypointSolver, LocatedView, average_offsets, fit_offset_and_scale, measure_offset};
 use crate::evaluation::{Deviation, ModelPoints, Recall, ReferencesCurve, ScoredView, Spread, references_plot};
 use crate::model::ObjectModel;
 use crate::vision::{DecodeOptions, read_image};
@@ -139,18 +139,17 @@ pub(super) fn study(
     Ok(rows)
 }
 
-/// As `posed calibrate` does; where the references say nothing of the scale, it stays. `None` where they contradict each other.
+/// Where the references say nothing of the scale, it stays. `None` where they contradict each other.
 fn make(model: &ObjectModel, references: &[&SolvedView], making: Making) -> Option<Offset> {
     let of_scale = |keypoints_scale| {
         let offsets = references.iter().filter_map(|view| view.offset(keypoints_scale)).collect();
-        Some(average_offsets(model, offsets, making.mode).ok()?.offset)
+        average_offsets(model, offsets, making.mode).ok()
     };
-    let offset = of_scale(1.0)?;
-    let located = || references.iter().map(|view| &view.located).collect::<Vec<_>>();
-    match making.fit_scale.then(|| fit_keypoints_scale(model, &located(), &offset)).flatten() {
-        Some(scale) => of_scale(scale.value),
-        None => Some(offset),
-    }
+    let averaged = of_scale(1.0)?;
+    let located: Vec<&LocatedView> = references.iter().map(|view| &view.located).collect();
+    let fit = || fit_offset_and_scale(model, &located, &averaged, of_scale);
+    let fitted = making.fit_scale.then(fit).flatten();
+    Some(fitted.map_or(averaged.offset, |(averaged, _)| averaged.offset))
 }
 
 fn score(points: &ModelPoints, offset: &Offset, views: &[&SolvedView]) -> Option<Recall> {

@@ -11,5 +11,5 @@ mod picture;
 pub use cameras::{CamerasError, cameras_are_meant};
 pub use fuse::fuse;
 pub use fused::{FusedPose, LeftOut, PosedCamera, ViewShare};
-pub use keypoints_scale::{LocatedView, fit_keypoints_scale};
+pub use keypoints_scale::{LocatedView, fit_offset_and_scale};
 pub use picture::ViewsPicture;

@@ -69,13 +69,6 @@ impl Service {
         self.recalibration.as_ref().ok_or_else(|| Failure::new(FailureKind::Forbidden, message))
     }
 
-    /// A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it stays.
-    fn scale_in_force(&self, object: &str) -> KeypointsScale {
-        let catalogue = self.catalogue();
-        let in_force = catalogue.references.get(object);
-        KeypointsScale::Stays(in_force.map_or(1.0, |in_force| in_force.reference.offset.keypoints_scale))
-    }
-
     /// Measures an object's offset anew and puts it into force. With it comes what the images show of the keypoints' scale.
     pub(crate) async fn recalibrate(&self, asked: Recalibration) -> Result<(Arc<InForce>, Option<Scale>), Failure> {
         let Recalibration { object, views, mode, far_origin, fit_scale, body, deadline } = asked;
@@ -113,10 +106,14 @@ impl Service {
             measured.push(MeasuredView { file: file.clone(), region, located, solution });
             files.push((file, view.image.to_vec()));
         }
-        let scale = if fit_scale { KeypointsScale::Fitted } else { self.scale_in_force(&object) };
-        let options = CalibrateOptions { mode, far_origin, scale };
-        let of_model = Arc::clone(&model);
-        let calibrating = tokio::task::spawn_blocking(move || calibrate(&of_model, measured, options));
+        let (of_model, references) = (Arc::clone(&model), Arc::clone(&self.catalogue().references));
+        let calibrating = tokio::task::spawn_blocking(move || {
+            // A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it
+            // stays, even if another process did it just now.
+            let stays = || KeypointsScale::Stays(references.stored_scale(&of_model));
+            let scale = if fit_scale { KeypointsScale::Fitted } else { stays() };
+            calibrate(&of_model, measured, CalibrateOptions { mode, far_origin, scale })
+        });
         let calibrated = calibrating.await.map_err(|error| {
             tracing::error!(%error, "a reference could not be measured");
             Failure::new(FailureKind::Internal, "measuring the reference failed; the old one remains in use")
@@ -126,10 +123,7 @@ impl Service {
             CalibrateError::Measure { view, file: _, source } => {
                 of_image(view, Failure::new(FailureKind::Unmeasurable, source.to_string()))
             }
-            CalibrateError::Average(_)
-            | CalibrateError::StatedPose(_)
-            | CalibrateError::NoScale
-            | CalibrateError::Scale { .. } => error.into(),
+            CalibrateError::Average(_) | CalibrateError::StatedPose(_) | CalibrateError::NoScale { .. } => error.into(),
         })?;
         // No change of objects may come between, or the new ones would not know of it.
         let no_change = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.changing).lock_owned()).await;

@@ -157,7 +157,7 @@ pub struct FusedReport {
     pub views: Vec<ViewShareReport>,
     /// Widest angle between the directions from which the pose is seen, degrees.
     pub view_angle_deg: f64,
-    /// How much larger the views show the object than the network says, with its standard deviation. A hint for calibration
+    /// How much larger the views show the object than it is with `keypoints_scale`, with its standard deviation. A hint for calibration
     /// (`posed calibrate --fit-scale`); the pose does not use it. Present with three views or more from different
     /// directions.
     #[serde(skip_serializing_if = "Option::is_none")]
