@@ -66,6 +66,7 @@ keypoints half-hidden/cube-2.toml runs/half-hidden-2 runs/half-hidden/cube/check
 keypoints half-hidden/link.toml runs/half-hidden runs/longer/link/checkpoint.pt
 keypoints half-hidden/link-2.toml runs/half-hidden-2 runs/half-hidden/link/checkpoint.pt
 keypoints half-hidden/link-3.toml runs/half-hidden-3 runs/half-hidden-2/link/checkpoint.pt
-# Another cube, for other cameras, which costs some accuracy on renders.
+# Another cube, for other cameras.
 $train keypoints demo/lite0/cube.toml --data "$data" --models demo/cameras --runs runs/lite0
+$train keypoints demo/lite0/cube-2.toml --data "$data" --models demo/cameras --runs runs/lite0-2 --init runs/lite0/cube/best.pt
 $train detector demo/detector.toml --data "$data" --models ../models
