@@ -126,7 +126,7 @@ impl Calibrate {
         References::write(&self.models.reference, &reference, &files)?;
         print(&reference);
         if let Some(scale) = scale {
-            say!("{}", self.in_words(scale, reference.offset.keypoints_scale));
+            say!("{}", self.in_words(scale, stays));
         } else if (stays - 1.0).abs() > 0.0 {
             say!("scale of the keypoints: {stays:.4}, as in the reference before");
         }
@@ -134,11 +134,11 @@ impl Calibrate {
         Ok(())
     }
 
-    /// What the references show, and what is in force.
+    /// What the references show, against what was in force before.
     fn in_words(&self, Scale { value, sigma }: Scale, in_force: f64) -> String {
         let sigmas_off = (value - in_force).abs() / sigma;
         let verdict = if self.fit_scale {
-            "stored".into()
+            format!("stored; {sigmas_off:.1} sigma from {in_force:.4}, which was in force")
         } else if sigmas_off > SIGMAS_TO_ADVISE {
             let too = if value > in_force { "short" } else { "long" };
             let percent = 1e2 * (in_force / value - 1.0).abs();
