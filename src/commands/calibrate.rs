@@ -94,8 +94,8 @@ struct ReferenceImage {
 
 /// An axis this many times less exact than the best one deserves a view from the side.
 const WEAK_AXIS: f64 = 3.0;
-/// A scale this far from that in force helps more often than it spoils: three photos of a real cube that comes out 1.4 % too near say it so,
-/// and what nothing is wrong with does so once in twenty.
+/// A scale this far from that in force helps more often than it spoils: three photos of a real cube that comes out 1 to 2 %
+/// too near say it so, and what nothing is wrong with does so once in twenty.
 const SIGMAS_TO_ADVISE: f64 = 2.0;
 /// Of an object that is seen smaller than this, nothing can be measured.
 const MIN_EXTENT_PX: f64 = 16.0;
@@ -135,8 +135,9 @@ impl Calibrate {
     }
 
     /// What the references show, against what was in force before.
-    fn in_words(&self, Scale { value, sigma }: Scale, in_force: f64) -> String {
-        let sigmas_off = (value - in_force).abs() / sigma;
+    fn in_words(&self, scale: Scale, in_force: f64) -> String {
+        let Scale { value, sigma } = scale;
+        let sigmas_off = scale.sigmas_from(in_force);
         let verdict = if self.fit_scale {
             format!("stored; {sigmas_off:.1} sigma from {in_force:.4}, which was in force")
         } else if sigmas_off > SIGMAS_TO_ADVISE {

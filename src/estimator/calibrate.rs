@@ -61,14 +61,8 @@ pub enum KeypointsScale {
     Fitted,
 }
 
-impl Default for KeypointsScale {
-    fn default() -> Self {
-        Self::Stays(1.0)
-    }
-}
-
 /// How the offset follows from the views.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct CalibrateOptions {
     pub mode: Mode,
     /// Whether the origin of the object's frame may lie farther from the object than the object is large.

@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use posed_core::geometry::Pose;
 use serde_json::{Map, Value, json};
 
-use crate::support::{assert_scene_right, explanation, root, run, scene, scene_cameras};
+use crate::support::{assert_scene_right, explanation, root, run, scene_poses};
 
 const IMAGES: [&str; 3] = ["samples/scene/view-1.jpg", "samples/scene/view-2.jpg", "samples/scene/view-3.jpg"];
 const RIG: &str = "samples/scene.rig.json";
@@ -164,13 +164,9 @@ fn the_scale_follows_the_stated_distances() {
     let (file, out) = (folder.path().join("references.json"), folder.path().join("reference"));
     let read = |path: &str| serde_json::from_slice::<Value>(&fs::read(root().join(path)).unwrap()).unwrap();
     let camera = read("samples/demo.camera.json");
-    for object in scene().1.iter().filter(|known| ["link", "motor"].contains(&known.object.as_str())) {
+    for name in ["link", "motor"] {
         let stated = |farther: f64| {
-            let entry = |(image, camera_pose): (&&str, &Value)| {
-                let rotation = serde_json::from_value(camera_pose["rotation_xyzw"].clone()).unwrap();
-                let translation = serde_json::from_value(camera_pose["translation_m"].clone()).unwrap();
-                let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
-                let seen = world_from_camera.inverse() * object.pose();
+            let entry = |(image, seen): (&&str, &Pose)| {
                 let [x, y, z] = seen.translation_m();
                 let [u, v, half] = [600.0 * x / z + 319.5, 600.0 * y / z + 239.5, 600.0 * 0.05 / z];
                 let seen = seen.scaled(farther);
@@ -179,20 +175,19 @@ fn the_scale_follows_the_stated_distances() {
                     "camera_from_object": {"rotation_xyzw": seen.rotation_xyzw(), "translation_m": seen.translation_m()},
                 })
             };
-            json!(IMAGES.iter().zip(&scene_cameras()).map(entry).collect::<Vec<_>>())
+            json!(IMAGES.iter().zip(&scene_poses(name)).map(entry).collect::<Vec<_>>())
         };
         for mode in ["weighted", "paper"] {
             let [as_is, farther] = [1.0, 1.03].map(|farther| {
                 fs::write(&file, stated(farther).to_string()).unwrap();
                 let (references, folder) = (file.to_str().unwrap(), out.to_str().unwrap());
-                let name = object.object.as_str();
                 let words = ["calibrate", name, "--references", references, "--reference", folder, "--mode", mode];
                 let output = run(&[&words[..], &["--fit-scale"]].concat());
                 assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
                 let stored = serde_json::from_slice::<Value>(&fs::read(out.join(format!("{name}.json"))).unwrap());
                 stored.unwrap()["keypoints_scale"].as_f64().unwrap()
             });
-            assert!((farther / as_is - 1.03).abs() < 3e-3, "{} {mode}: {as_is} {farther}", object.object);
+            assert!((farther / as_is - 1.03).abs() < 3e-3, "{name} {mode}: {as_is} {farther}");
         }
     }
 }

@@ -11,7 +11,7 @@ use serde_json::{Value, json as value};
 
 use crate::clicked::ClickedCube;
 use crate::support::{
-    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, scene, scene_cameras,
+    CAMERA, Server, change, copy_of, error, json, png, post, read, refuses_to_serve, samples, scene, scene_poses,
     two_cubes,
 };
 
@@ -107,14 +107,7 @@ async fn a_fitted_scale_stays() {
 
 /// The bundled scene as references of one object, whose distances are stated so many times as long.
 fn references(object: &str, farther: f64) -> Vec<Value> {
-    let world_from_object = scene().1.iter().find(|known| known.object == object).unwrap().pose();
-    let known = |camera: &Value| {
-        let rotation = serde_json::from_value(camera["rotation_xyzw"].clone()).unwrap();
-        let translation = serde_json::from_value(camera["translation_m"].clone()).unwrap();
-        let world_from_camera = Pose::from_quaternion_xyzw(rotation, translation).unwrap();
-        known_view(&(world_from_camera.inverse() * world_from_object).scaled(farther))
-    };
-    scene_cameras().iter().map(known).collect()
+    scene_poses(object).iter().map(|seen| known_view(&seen.scaled(farther))).collect()
 }
 
 fn known_view(camera_from_object: &Pose) -> Value {

@@ -338,6 +338,17 @@ pub fn scene() -> (Vec<Vec<u8>>, Vec<KnownObject>) {
     (images, objects)
 }
 
+/// Where its cameras see one of its objects: `camera_from_object`, in the order of the images.
+pub fn scene_poses(object: &str) -> Vec<Pose> {
+    let world_from_object = scene().1.iter().find(|known| known.object == object).unwrap().pose();
+    let seen = |camera: &Value| {
+        let rotation = serde_json::from_value(camera["rotation_xyzw"].clone()).unwrap();
+        let translation = serde_json::from_value(camera["translation_m"].clone()).unwrap();
+        Pose::from_quaternion_xyzw(rotation, translation).unwrap().inverse() * world_from_object
+    };
+    scene_cameras().iter().map(seen).collect()
+}
+
 /// `rig_from_camera` of its cameras.
 pub fn scene_cameras() -> Vec<Value> {
     let rig: Value = serde_json::from_slice(&read(&root().join("samples/scene.rig.json"))).unwrap();

@@ -38,10 +38,10 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Whether it differs from 1 by more than three standard deviations.
+    /// How many standard deviations it differs by from another scale.
     #[must_use]
-    pub fn is_off(&self) -> bool {
-        (self.value - 1.0).abs() > 3.0 * self.sigma
+    pub fn sigmas_from(&self, other: f64) -> f64 {
+        (self.value - other).abs() / self.sigma
     }
 }
 

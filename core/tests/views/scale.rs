@@ -33,7 +33,7 @@ fn the_scale_is_found_and_its_sigma_is_true() {
             mean.abs() < 0.5 && (if is_off { 0.6 } else { 0.85 }..1.2).contains(&square),
             "{factor}: {mean} {square}"
         );
-        let off = found.iter().filter(|scale| scale.is_off()).count() as f64 / found.len() as f64;
+        let off = found.iter().filter(|scale| scale.sigmas_from(1.0) > 3.0).count() as f64 / found.len() as f64;
         assert!(if is_off { off > 0.9 } else { off < 0.02 }, "{factor}: {off}");
     }
 }

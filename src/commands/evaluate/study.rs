@@ -99,13 +99,13 @@ pub(super) fn solve(solvers: &mut [KeypointSolver<'_>], task: &Task) -> Result<V
 pub(super) fn study(
     model: &ObjectModel,
     points: &ModelPoints,
-    references: &[&SolvedView],
+    candidates: &[&SolvedView],
     views: &[&SolvedView],
 ) -> Result<Vec<StudyRow>, String> {
-    let references: Vec<&SolvedView> = references.iter().copied().filter(|view| view.offset(1.0).is_some()).collect();
+    let references: Vec<&SolvedView> = candidates.iter().copied().filter(|view| view.offset(1.0).is_some()).collect();
     let name = &model.manifest.name;
     if references.is_empty() {
-        return Err(format!("none of the views of {name} can be a reference"));
+        return Err(format!("none of the {} views of {name} can be a reference", candidates.len()));
     }
     let mut rows = Vec::new();
     for making in MAKINGS {

@@ -110,8 +110,11 @@ impl Service {
         let calibrating = tokio::task::spawn_blocking(move || {
             // A network that sees the object too large or too small does so whatever frame the object has: what was fitted of it
             // stays, even if another process did it just now.
-            let stays = || KeypointsScale::Stays(references.stored_scale(&of_model));
-            let scale = if fit_scale { KeypointsScale::Fitted } else { stays() };
+            let scale = if fit_scale {
+                KeypointsScale::Fitted
+            } else {
+                KeypointsScale::Stays(references.stored_scale(&of_model))
+            };
             calibrate(&of_model, measured, CalibrateOptions { mode, far_origin, scale })
         });
         let calibrated = calibrating.await.map_err(|error| {
